@@ -1,5 +1,5 @@
-//! Takes the place of `vrs/` where the crate is compiled without its feature `hardware-vrs`, or for a platform on which wgpu has no
-//! Vulkan. Items that an app names compile everywhere; [`VrsBackend`] never exists.
+//! Replaces `vrs/` if the crate is compiled without its feature `hardware-vrs`, or for a platform on which wgpu has no Vulkan.
+//! Public items compile everywhere; [`VrsBackend`] never exists.
 
 #[expect(dead_code, reason = "nothing reads what a draw needs")]
 #[path = "vrs/draw.rs"]
@@ -19,18 +19,18 @@ use bevy::{
     },
 };
 
-/// Why there is no variable rate shading.
+/// The reason why there is no variable rate shading.
 const REASON: &str = if cfg!(feature = "hardware-vrs") {
     "the renderer has no Vulkan on this platform"
 } else {
     "`bevy_glint` was built without its feature `hardware-vrs`"
 };
 
-/// Lets cameras use variable rate shading on platforms with Vulkan. On this one it has no effect.
+/// Enables variable rate shading on platforms with Vulkan. On this one it has no effect.
 #[cfg(feature = "hardware-vrs")]
 #[derive(Clone, Copy, Debug, Default)]
 pub struct HardwareVrsPlugin {
-    /// Without effect, too.
+    /// No effect, either.
     pub allow_full_rate: bool,
 }
 
@@ -41,7 +41,7 @@ impl Plugin for HardwareVrsPlugin {
     }
 }
 
-/// Says that there is no variable rate shading.
+/// Reports that there is no variable rate shading.
 #[derive(Resource, Clone, Debug, Default)]
 pub struct HardwareVrs;
 
@@ -50,7 +50,7 @@ impl HardwareVrs {
     /// Checks whether the hardware can use rate images with tiles of this many trace pixels in each direction.
     ///
     /// # Errors
-    /// Always, with the reason as the end of a sentence.
+    /// Always fails, with the reason as the end of a sentence.
     pub fn available(&self, _tile: u32) -> Result<(), String> {
         Err(REASON.into())
     }
@@ -85,7 +85,7 @@ impl Plugin for VrsPlugin {
     fn build(&self, _app: &mut App) {}
 }
 
-/// Holds nothing.
+/// Empty.
 #[derive(Default)]
 pub(crate) struct BindGroupContents;
 

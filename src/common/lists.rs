@@ -1,4 +1,4 @@
-//! Words of the buffers `indirect_args` and `counters`, and the limit of a dispatch. `lists.wesl` holds the same for shaders.
+//! Words of the buffers `indirect_args` and `counters`, and the limit of a dispatch. `lists.wesl` has the same for shaders.
 
 /// Largest number of workgroups in the x direction of a dispatch.
 pub(crate) const MAX_WORKGROUPS: u32 = 65535;
@@ -27,7 +27,7 @@ pub(crate) const ALL_RAYS_DISPATCH: u64 = 15;
 pub(crate) const COUNTER_WORDS: u64 = 8;
 /// Word with the number of rays that hit something.
 pub(crate) const HIT_COUNT: u64 = 0;
-/// Word with the number of rays that met what has changed lately.
+/// Word with the number of rays that hit a recent change.
 pub(crate) const CHANGE_COUNT: u64 = 1;
 
 /// Byte offset of a word.

@@ -35,7 +35,7 @@ mod tests {
     use core::hint::black_box;
     use std::{env, panic};
 
-    /// Overflows wrap in release mode, so that tests would miss them.
+    /// Overflows wrap in release mode, so tests would miss them.
     #[test]
     fn tests_of_the_whole_check_for_overflows() {
         if env::var_os("GLINT_REQUIRE_CHECKS").is_none() {

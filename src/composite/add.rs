@@ -19,7 +19,7 @@ use bevy::{
     utils::default,
 };
 
-/// The blend pass, with a pipeline for each format of frames.
+/// The blend pass, with a pipeline for each frame format.
 pub(super) struct AddPass {
     layout: BindGroupLayoutDescriptor,
     shader: Handle<Shader>,
@@ -41,7 +41,7 @@ impl AddPass {
         }
     }
 
-    /// Has the pipeline for a format compiled, unless it already was.
+    /// Queues the pipeline for a format, unless it already was.
     pub fn queue(&mut self, format: TextureFormat, cache: &PipelineCache) {
         let Self {
             layout,
@@ -74,13 +74,13 @@ impl AddPass {
         });
     }
 
-    /// The pipeline for a format is compiled.
+    /// Returns whether the pipeline for a format is compiled.
     pub fn is_ready(&self, format: TextureFormat, cache: &PipelineCache) -> bool {
         let queued = self.queued.get(&format);
         queued.is_some_and(|&id| cache.get_render_pipeline(id).is_some())
     }
 
-    /// Adds the reflection of one view, inside of [`PassContext::area`] only.
+    /// Adds the reflection of one view, only inside [`PassContext::area`].
     pub fn run(&self, ctx: &mut RenderContext, context: &PassContext, target: &ViewTarget) {
         let (textures, cache) = (context.textures, context.cache);
         let queued = self.queued.get(&target.main_texture_format());

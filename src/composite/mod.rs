@@ -1,12 +1,12 @@
-//! From the lobe's radiance to the lit frame: albedo, fade, occlusion, fog, and the addition itself.
+//! Turns the lobe's radiance into light of the frame: albedo, fade, occlusion, fog, and the addition itself.
 //!
-//! | file | holds |
+//! | file | contents |
 //! |---|---|
 //! | `resolve`, `resolved.wesl` | light that the reflection adds to each pixel |
-//! | `front_layer.wesl` | the same for transparent surfaces |
-//! | `add` | the addition where compute shaders can't write the frame |
-//! | `screen` | the copy of the lit frame for rays that take light from it |
-//! | `pipelines.rs` | which of the passes run |
+//! | `front_layer.wesl` | light that the reflection adds to transparent surfaces |
+//! | `add` | the addition if compute shaders can't write the frame |
+//! | `screen` | the copy of the lit frame for rays that reuse its light |
+//! | `pipelines.rs` | the passes that run |
 
 mod add;
 mod pipelines;

@@ -33,17 +33,17 @@ use bevy::{
 pub struct CompositePipelines {
     shader: Handle<Shader>,
     resolve: HashMap<Resolve, GBufferPass<ResolveVariant>>,
-    /// The same where reflection probes shine on transparent surfaces.
+    /// Variants for scenes with reflection probes that affect transparent surfaces.
     probed: HashMap<Resolve, GBufferPass<ResolveVariant>>,
     has_probes: bool,
-    /// The scene has opaque surfaces that are drawn forward.
+    /// The scene has opaque surfaces drawn in the forward pass.
     has_forward: bool,
     add: AddPass,
     screen_shader: Handle<Shader>,
     screen: GBufferPass,
-    /// Some view asked for it since pipelines were last queued.
+    /// A view has requested it since pipelines were last queued.
     keeps_screen: bool,
-    /// Passes requested since then, each with the format of its frames.
+    /// Passes requested since then, each with its frame format.
     wanted: HashSet<(Resolve, ResolveVariant, TextureFormat)>,
 }
 
@@ -56,7 +56,7 @@ fn resolve_of(settings: &ClampedSettings, format: TextureFormat, in_place: Write
 }
 
 impl CompositePipelines {
-    /// Asks for the passes of a view with frames of this format. To be called in each frame.
+    /// Requests the passes of a view with frames of this format. Call in each frame.
     pub(crate) fn request(&mut self, settings: &ClampedSettings, format: TextureFormat, in_place: WritesInPlace) {
         let resolve = resolve_of(settings, format, in_place);
         self.keeps_screen |= settings.reuses_screen();
@@ -64,7 +64,7 @@ impl CompositePipelines {
             .extend(ResolveVariant::of(settings).map(|variant| (resolve, variant, format)));
     }
 
-    /// All that the opaque surfaces of a view with frames of this format need can be used.
+    /// Returns whether everything for the opaque surfaces of a view with this frame format is ready.
     pub(crate) fn is_ready(
         &self,
         cache: &PipelineCache,
@@ -84,7 +84,7 @@ impl CompositePipelines {
     }
 }
 
-/// Declares what the passes bind.
+/// Declares the bindings of the passes.
 pub(super) fn init_composite_pipelines(
     mut commands: Commands,
     asset_server: Res<AssetServer>,
@@ -109,7 +109,7 @@ pub(super) fn init_composite_pipelines(
     });
 }
 
-/// Queues what cameras asked for.
+/// Queues the passes that cameras requested.
 pub(super) fn queue_composite_pipelines(
     mut pipelines: ResMut<CompositePipelines>,
     scene: Res<SceneBindings>,
@@ -171,8 +171,8 @@ pub(super) fn queue_composite_pipelines(
     }
 }
 
-/// Lets compute shaders write to the frames of reflecting cameras where the composite or a debug view does, and of all that draw to the
-/// same target: cameras share a frame only if its usages are the same.
+/// Allows compute shaders to write to the frames of reflecting cameras if the composite or a debug view does, and to the frames of all
+/// cameras with the same target: cameras share a frame only if its usages are the same.
 pub(super) fn allow_writes_in_place(
     reflecting: Query<(&ExtractedCamera, &ExtractedView, &ReflectionView)>,
     mut cameras: Query<(&ExtractedCamera, &ExtractedView, &mut CameraMainTextureUsages)>,
@@ -194,7 +194,7 @@ pub(super) fn allow_writes_in_place(
     }
 }
 
-/// Keeps what the camera shows, for views whose rays take light from it.
+/// Copies the camera's light, for views with rays that reuse it.
 pub(crate) fn keep_screen(ctx: &mut RenderContext, pipelines: &CompositePipelines, context: &PassContext) {
     screen::run(ctx, &pipelines.screen, context);
 }

@@ -1,4 +1,4 @@
-//! From the lobe's radiance to light: into the frame itself where a compute shader can write it, else into a texture.
+//! Turns the lobe's radiance into light: directly in the frame if a compute shader can write it, else in a texture.
 
 use crate::{
     common::{TILE_DISPATCH, word_offset},
@@ -44,14 +44,14 @@ impl Surfaces {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(super) struct ResolveVariant {
     pub surfaces: Surfaces,
-    /// The last filter of the denoiser is part of it.
+    /// Includes the last filter of the denoiser.
     pub blurs: bool,
     /// The front layer can contain opaque surfaces, which are lit differently from glass.
     pub forward: bool,
 }
 
 impl ResolveVariant {
-    /// The variants that a view's settings need: without history nothing is blurred.
+    /// The variants that a view's settings need. Without history, nothing is blurred.
     pub fn of(settings: &ClampedSettings) -> impl Iterator<Item = Self> + use<> {
         let wants_forward = settings.forward;
         let blurs: &[bool] = if denoise::blurs(settings) {
@@ -81,10 +81,10 @@ impl ResolveVariant {
     }
 }
 
-/// Destination of the result, and the pixels that are visited.
+/// Destination of the result, and the visited pixels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(super) enum Resolve {
-    /// Every pixel of [`PassContext::area`], into a texture of its own.
+    /// Every pixel of [`PassContext::area`], into a separate texture.
     Apart,
     /// Reads and writes the same pixels of the frame.
     InPlace,
@@ -95,7 +95,7 @@ pub(super) enum Resolve {
 impl Resolve {
     pub const ALL: [Self; 3] = [Self::Apart, Self::InPlace, Self::InPlaceTiles];
 
-    /// `in_place`: compute shaders can write the frame. `has_tiles`: the view has a tile list.
+    /// `in_place` is true if compute shaders can write the frame, and `has_tiles` if the view has a tile list.
     pub fn new(in_place: bool, has_tiles: bool) -> Self {
         match (in_place, has_tiles) {
             (false, _) => Self::Apart,
@@ -133,8 +133,8 @@ impl Resolve {
         GBufferPass::new("glint_resolve", bindings, others)
     }
 
-    /// Resolves the reflection of one view. Returns false where the pass isn't compiled. `has_forward`: the scene has opaque surfaces that
-    /// are drawn forward.
+    /// Resolves the reflection of one view. Returns false if the pass isn't compiled. `has_forward` is true if the scene has opaque
+    /// surfaces drawn in the forward pass.
     pub fn run(
         self,
         ctx: &mut RenderContext,
@@ -146,7 +146,7 @@ impl Resolve {
         let settings = &context.view.settings;
         let blurs = context.history().is_some() && denoise::blurs(settings);
         let forward = has_forward && settings.forward && surfaces == Surfaces::FrontLayer;
-        // Either of the layer's variants takes the place of the other until that is compiled: some ambient occlusion is missing, if anything.
+        // Either of the layer's variants replaces the other until that is compiled: at most, some ambient occlusion is missing.
         let variants = [(blurs, forward), (false, forward), (blurs, !forward), (false, !forward)];
         let variants = variants.map(|(blurs, forward)| ResolveVariant {
             surfaces,
@@ -166,7 +166,7 @@ impl Resolve {
     }
 }
 
-/// Bindings 5 to 9 of the passes that show reflections: the bindings of `denoise/blur.wesl`, and `second` as binding 6.
+/// Bindings 5 to 9 of the passes that display reflections: the bindings of `denoise/blur.wesl`, with `second` as binding 6.
 pub(crate) fn shown_bindings(second: FindTexture) -> Vec<Binding> {
     vec![
         Binding::floats(composited_radiance),
@@ -184,12 +184,12 @@ pub(crate) fn history<'a>(context: &PassContext<'a>) -> Option<&'a HistoryTarget
     context.images()?.history.as_ref()
 }
 
-/// Something must be bound in the place of a missing texture of integers; the shader doesn't read it.
+/// A texture to bind instead of a missing texture of integers; the shader doesn't read it.
 pub(crate) fn or_gbuffer<'a>(context: &PassContext<'a>, texture: Option<&'a TextureView>) -> Option<&'a TextureView> {
     Some(texture.unwrap_or(context.gbuffer.gbuffer))
 }
 
-/// Radiance of lobes over their albedo, which the composite reads.
+/// Radiance of lobes divided by their albedo, which the composite reads.
 pub(crate) fn composited_radiance<'a>(context: &PassContext<'a>) -> Option<&'a TextureView> {
     match &context.targets().accumulation {
         Some(pair) => Some(&pair[context.now()]),

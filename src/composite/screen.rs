@@ -1,4 +1,4 @@
-//! The copy of the lit frame for rays that take light from it.
+//! The copy of the lit frame for rays that reuse its light.
 
 use crate::{
     gbuffer::{Binding, GBufferPass, OtherGroups, PassContext},
@@ -6,7 +6,7 @@ use crate::{
 };
 use bevy::render::renderer::RenderContext;
 
-/// The pass; views without a screen have no target for it.
+/// The pass. Views without a screen have no target for it.
 pub(super) fn screen_pass() -> GBufferPass {
     let bindings = vec![
         Binding::floats(|context| Some(context.frame)),
@@ -15,7 +15,7 @@ pub(super) fn screen_pass() -> GBufferPass {
     GBufferPass::new("glint_keep_screen", bindings, OtherGroups::None)
 }
 
-/// Copies the light that the camera shows now.
+/// Copies the current light of the camera.
 pub(super) fn run(ctx: &mut RenderContext, pass: &GBufferPass, context: &PassContext) {
     if let Some(mut pass) = pass.begin(ctx, context, [()], &[]) {
         let size = context.textures.size();

@@ -10,21 +10,21 @@ use bevy::{
 use core::time::Duration;
 use wgpu::ErrorFilter;
 
-/// Time until the device is asked again for memory that it refused. Less asks a device that is full again and again; with more,
+/// Time until refused memory is requested again. A shorter time retries on a full device again and again; with a longer one,
 /// reflections come back later.
 const REFUSED: Duration = Duration::from_secs(5);
 
-/// Frames of that time in tests.
+/// Number of frames of that time in tests.
 #[cfg(test)]
 pub(crate) const REFUSED_FRAMES: u32 = 300;
 
 #[cfg(test)]
 thread_local! {
-    /// Tests have all that this thread asks for refused.
+    /// In tests, all memory requests of this thread are refused.
     pub(crate) static REFUSES: core::cell::Cell<bool> = const { core::cell::Cell::new(false) };
 }
 
-/// Devices that refuse all memory that reflections ask for.
+/// Devices that refuse all memory requests of reflections.
 #[cfg(feature = "internals")]
 static REFUSING: std::sync::Mutex<Vec<wgpu::Device>> = std::sync::Mutex::new(Vec::new());
 
@@ -39,7 +39,7 @@ pub fn refuse_memory(device: &RenderDevice, refuses: bool) {
     }
 }
 
-/// Returns whether a test has the device refuse.
+/// Returns whether a test makes the device refuse.
 fn refuses(_device: &RenderDevice) -> bool {
     #[cfg(test)]
     if REFUSES.get() {
@@ -54,9 +54,9 @@ fn refuses(_device: &RenderDevice) -> bool {
     false
 }
 
-/// Makes something that takes memory of the device; `None` where there isn't enough. Otherwise the error would end most apps.
+/// Creates an object in device memory; `None` if there isn't enough. Otherwise, the error would end most apps.
 ///
-/// Browsers answer later than this function: there, too little memory is an error of the device as ever.
+/// Browsers report errors later than this function returns: there, lack of memory remains an error of the device.
 pub(crate) fn try_allocate<T>(device: &RenderDevice, create: impl FnOnce() -> T) -> Option<T> {
     if refuses(device) {
         return None;
@@ -67,10 +67,11 @@ pub(crate) fn try_allocate<T>(device: &RenderDevice, create: impl FnOnce() -> T)
     error.is_none().then_some(created)
 }
 
-/// When to ask the device again for memory that it refused. Other programs might hold it, so our own counts can't tell when it is free.
+/// When to retry memory requests that the device refused. Other programs might have allocated the memory, so our own counts can't tell
+/// when it is free.
 #[derive(Debug, Default)]
 pub(crate) struct MemoryRetry {
-    /// Time until then, and when it was looked at; `None` where nothing was refused.
+    /// Remaining time, and when it was last updated; `None` if nothing was refused.
     waits: Option<(Duration, Instant)>,
 }
 
@@ -80,7 +81,7 @@ impl MemoryRetry {
         self.waits.get_or_insert_with(|| (REFUSED, Instant::now()));
     }
 
-    /// A frame goes by. Returns whether the device is to be asked again now.
+    /// Call once per frame. Returns whether to retry now.
     pub fn is_due(&mut self) -> bool {
         let Some((time, last)) = &mut self.waits else {
             return false;

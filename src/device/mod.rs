@@ -1,4 +1,4 @@
-//! Device capabilities that the crate asks for: which tracer, which form of the texture table, which shading rates.
+//! Device capabilities that the crate requires: which tracer, which form of the texture table, which shading rates.
 
 mod memory;
 mod real_time;

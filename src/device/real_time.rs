@@ -1,9 +1,9 @@
-//! The clock on the wall: Bevy's own may stand still, as in the menu of a game.
+//! Real time: Bevy's own clock can be paused, as in the menu of a game.
 
 use bevy::{ecs::prelude::*, platform::time::Instant};
 use core::time::Duration;
 
-/// Most that a frame counts. Longer ones are those of a level that loads, or of a machine that slept.
+/// Maximum time that a frame counts. Longer frames are caused by a loading level, or a machine that slept.
 pub(super) const LONGEST_FRAME: Duration = Duration::from_millis(250);
 
 /// Time between frames of the render world.
@@ -14,7 +14,7 @@ pub(crate) struct RealTime {
 }
 
 impl RealTime {
-    /// Time of the last frame.
+    /// Duration of the last frame.
     pub fn delta(&self) -> Duration {
         self.delta
     }

@@ -13,7 +13,7 @@ pub enum HardwareVrsSupport {
     /// Not requested: the app lacks `HardwareVrsPlugin`, or was built without the crate feature `hardware-vrs`.
     #[default]
     NotAsked,
-    /// The device or its driver can't; the reason why, as the end of a sentence.
+    /// Not supported by the device or its driver; the reason, as the end of a sentence.
     Missing(String),
     /// The device has no such rates; for tests, the pass runs with an invocation for each trace pixel.
     FullRate,
@@ -25,11 +25,11 @@ pub enum HardwareVrsSupport {
 #[cfg(feature = "hardware-vrs")]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ShadingRates {
-    /// Pixels that a texel of the attachment covers at least, in each direction.
+    /// Minimum number of pixels that a texel of the attachment covers, in each direction.
     pub min_texel: UVec2,
-    /// Pixels that a texel of the attachment covers at most, in each direction.
+    /// Maximum number of pixels that a texel of the attachment covers, in each direction.
     pub max_texel: UVec2,
-    /// Pixels of the largest fragment, in each direction.
+    /// Size of the largest fragment in pixels, in each direction.
     pub max_fragment: UVec2,
     /// Rates can be combined by minimum, maximum and product; this crate needs none of them.
     pub non_trivial_combiners: bool,
@@ -39,9 +39,8 @@ pub struct ShadingRates {
 
 #[cfg(feature = "hardware-vrs")]
 impl ShadingRates {
-    /// Returns whether the device supports a fragment size, given by its code: `log2(width) << 2 | log2(height)`. If the
-    /// attachment holds an unsupported code, the hardware takes a smaller size, and all fragments of a block trace the block's
-    /// ray.
+    /// Returns whether the device supports a fragment size, given by its code: `log2(width) << 2 | log2(height)`. For an unsupported code
+    /// in the attachment, the hardware uses a smaller size, and all fragments of a block trace the block's ray.
     #[must_use]
     pub fn supports(&self, code: u32) -> bool {
         code < u16::BITS && (self.codes >> code) & 1 != 0

@@ -1,4 +1,4 @@
-//! Which devices can trace at all.
+//! Checks whether a device can trace at all.
 
 use super::ReflectionTracer;
 use bevy::render::{render_resource::WgpuLimits, renderer::RenderAdapterInfo, settings::Backends};
@@ -11,10 +11,10 @@ pub(crate) fn adapter_name(info: &RenderAdapterInfo) -> String {
     )
 }
 
-/// Sampled textures of the pass that binds most: a debug view. Browsers promise no more than 16, and have fewer features.
+/// Number of sampled textures in the pass with the most of them, a debug view. Browsers guarantee only 16, and have fewer features.
 const SAMPLED_TEXTURES: u32 = if cfg!(target_arch = "wasm32") { 16 } else { 20 };
 
-/// Why nothing can be traced on this device by this tracer, or `None`.
+/// The reason why nothing can be traced on this device by this tracer, or `None`.
 pub(crate) fn unsupported(backend: Backends, limits: &WgpuLimits, tracer: ReflectionTracer) -> Option<String> {
     if !(Backends::VULKAN | Backends::DX12 | Backends::METAL | Backends::BROWSER_WEBGPU).contains(backend) {
         // OpenGL was never tried, and WebGL has no compute shaders.
@@ -27,7 +27,7 @@ pub(crate) fn unsupported(backend: Backends, limits: &WgpuLimits, tracer: Reflec
             "the renderer uses {name}, and one of Vulkan, DX12, Metal and WebGPU is needed"
         ));
     }
-    // Storage buffers of the pass over the list of rays: three of its own and those of the scene. A TLAS isn't one.
+    // Number of storage buffers in the pass over the list of rays: three of its own and the scene's. A TLAS isn't one.
     let needed = match tracer {
         ReflectionTracer::RayQuery => 8,
         ReflectionTracer::Bvh => 9,

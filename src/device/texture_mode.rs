@@ -1,20 +1,20 @@
-//! Which form the table of textures has on a device.
+//! The form of the table of textures on a device.
 
 use bevy::{
     reflect::Reflect,
     render::{render_resource::WgpuFeatures, renderer::RenderDevice, settings::WgpuLimits},
 };
 
-/// Most textures in the array of bindings.
+/// Maximum number of textures in the array of bindings.
 const MAX_TEXTURES: u32 = 4096;
 /// Length of the array of samplers; `scene/material.wesl` has the same number.
 pub(crate) const MAX_SAMPLERS: u32 = 32;
-/// Most layers of the array texture: 85 MiB with their levels.
+/// Maximum number of layers of the array texture: 85 MiB with their mip levels.
 const MAX_LAYERS: u32 = 256;
-/// Fewer bindings than these are not worth the array.
+/// Below this number of bindings, the array isn't worth it.
 const MIN_TEXTURES: u32 = 64;
 
-/// How shaders reach the textures of materials.
+/// How shaders access the textures of materials.
 #[derive(Reflect, Clone, Copy, Debug, PartialEq, Eq)]
 #[reflect(Debug, Clone, PartialEq)]
 #[non_exhaustive]
@@ -26,7 +26,7 @@ pub enum ReflectionTextureMode {
     },
     /// One array texture of 256x256 layers with mip levels.
     Layers {
-        /// Most layers there can be.
+        /// Maximum number of layers.
         layers: u32,
     },
 }
@@ -37,7 +37,7 @@ impl ReflectionTextureMode {
         matches!(self, Self::Bindless { .. }).then_some("BINDLESS_TEXTURES")
     }
 
-    /// One sentence for the status that a user reads.
+    /// One sentence for the status, for users.
     pub fn describe(self) -> String {
         match self {
             Self::Bindless { textures } => {

@@ -1,4 +1,4 @@
-//! Which tracer a device gets.
+//! Chooses the tracer of a device.
 
 use crate::settings::ReflectionTracerChoice;
 use bevy::{
@@ -33,15 +33,15 @@ impl ReflectionTracer {
 #[derive(Resource, Clone, Copy)]
 pub(crate) struct ChosenTracer(pub ReflectionTracer);
 
-/// Tells if fragment shaders can trace rays, or why not, as the end of a sentence. In the render world.
+/// Whether fragment shaders can trace rays; if not, the error is the reason, as the end of a sentence. In the render world.
 #[derive(Resource, Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct FragmentRays(pub Result<(), &'static str>);
 
 impl FragmentRays {
-    /// Mesa's CPU driver (25.0) ends the process. In fragment shaders it loses the address of a candidate's instance where one of the last
-    /// four lanes traces nothing or has met no instance, and reads all that it knows of the instance from there: its index and its custom
-    /// data, without which no alpha test can be made. Its compute shaders are right, and so are fragment shaders that walk the BVH.
-    /// `docs/driver-faults.md` has the shader that shows it.
+    /// Mesa's CPU driver (25.0) crashes. In fragment shaders, if one of the last four lanes traces nothing or has hit no instance, it
+    /// loses the address of a candidate's instance. It reads the instance's data from there, including its index and its custom data,
+    /// which the alpha test needs. Its compute shaders are correct, and so are fragment shaders that traverse the BVH.
+    /// `docs/driver-faults.md` has a shader that reproduces it.
     pub fn new(tracer: ReflectionTracer, device: Option<DeviceType>) -> Self {
         let crashes = tracer == ReflectionTracer::RayQuery && device == Some(DeviceType::Cpu);
         Self(if crashes {
@@ -57,7 +57,7 @@ fn ray_query_features() -> WgpuFeatures {
     WgpuFeatures::EXPERIMENTAL_RAY_QUERY
 }
 
-/// Picks the tracer, with the reasons for not picking a better one or the one that was asked for.
+/// Chooses the tracer, with the reasons for not choosing a better one or the requested one.
 pub(crate) fn choose_tracer(
     choice: ReflectionTracerChoice,
     features: WgpuFeatures,

@@ -1,4 +1,4 @@
-//! Detects whether compute shaders can write into the frame itself.
+//! Detects whether compute shaders can write directly to the frame.
 
 use bevy::{
     ecs::prelude::*,
@@ -8,7 +8,7 @@ use bevy::{
     },
 };
 
-/// Format of frames that compute shaders write in place: that of HDR cameras.
+/// Format of frames that compute shaders write in place: the one of HDR cameras.
 pub(crate) const FRAME_FORMAT: TextureFormat = TextureFormat::Rgba16Float;
 
 /// `true` if compute shaders can read and write textures of [`FRAME_FORMAT`] on this device.
@@ -16,7 +16,7 @@ pub(crate) const FRAME_FORMAT: TextureFormat = TextureFormat::Rgba16Float;
 pub(crate) struct WritesInPlace(bool);
 
 impl WritesInPlace {
-    /// Frames of this format are written in place.
+    /// Returns whether frames of this format are written in place.
     pub fn allows(self, format: TextureFormat) -> bool {
         self.0 && format == FRAME_FORMAT
     }

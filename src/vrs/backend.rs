@@ -1,4 +1,4 @@
-//! Back end that `trace/vrs.rs` calls: makes the pipeline, keeps descriptor sets and rate images, and records the pass.
+//! Back end of `trace/vrs.rs`: creates the pipeline, keeps descriptor sets and rate images, and records the pass.
 
 use super::{
     contents::GroupContents,
@@ -36,9 +36,9 @@ use core::num::NonZeroU64;
 use std::sync::Arc;
 use wgpu::hal::api::Vulkan as VulkanApi;
 
-/// Frames after which unused resources are released.
+/// Number of frames after which unused resources are released.
 const KEPT_FRAMES: u32 = 2;
-/// Frames between two attempts to link the shader.
+/// Number of frames between two attempts to link the shader.
 const LINK_INTERVAL: u32 = 20;
 
 enum PipelineState {
@@ -46,7 +46,7 @@ enum PipelineState {
     Unwanted,
     /// Its shader is linked after this many frames.
     Waiting(u32),
-    /// `None`: some of the shader's modules are still being loaded.
+    /// `None` if some of the shader's modules are still being loaded.
     Compiling(Task<Result<Option<RawPipeline>, String>>),
     Ready(Arc<RawPipeline>),
     Failed(String),
@@ -64,7 +64,7 @@ struct KnownSet {
     used: u32,
 }
 
-/// Pipeline, descriptor sets and rate images; absent where the device has no shading-rate attachments.
+/// Pipeline, descriptor sets and rate images; absent if the device has no shading-rate attachments.
 #[derive(Resource)]
 pub(crate) struct VrsBackend {
     support: HardwareVrs,
@@ -116,8 +116,8 @@ impl VrsBackend {
         })
     }
 
-    /// Brings the pipeline forward, which compiles beside the frames. True once [`record`](Self::record) can be called. Belongs
-    /// in [`Prepare`](bevy::render::RenderSystems::Prepare) of each frame in which a view wants it; `request` is called once.
+    /// Advances the pipeline, which is compiled in the background. Returns true once [`record`](Self::record) can be called. Call in
+    /// [`Prepare`](bevy::render::RenderSystems::Prepare) of each frame in which a view needs it; `request` is called once.
     ///
     /// # Errors
     /// The reason why there will be no pipeline.
@@ -168,7 +168,7 @@ impl VrsBackend {
         matches!(self.state, PipelineState::Ready(_)) && is_compiled(self.pack) && is_compiled(self.touch)
     }
 
-    /// Gives this device up for a while; `reason` is the end of a sentence.
+    /// Disables the pass on this device for a while; `reason` is the end of a sentence.
     pub(crate) fn fail(&mut self, reason: String) {
         self.retry.fail();
         self.support.set(Err(reason.clone()));
@@ -200,7 +200,7 @@ impl VrsBackend {
         }));
     }
 
-    /// Records the pass of a view. Transitions of all resources go into the context's encoder; the pass itself is a command buffer behind
+    /// Records the pass of a view. Transitions of all resources go into the context's encoder; the pass itself is a command buffer after
     /// it. Later commands can use the targets as if wgpu had drawn to them.
     ///
     /// # Errors

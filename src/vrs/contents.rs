@@ -1,4 +1,4 @@
-//! Contents of a bind group, which wgpu doesn't give back.
+//! Contents of a bind group, which wgpu doesn't expose.
 
 use super::device::{acceleration_structure_address, raw_buffer, raw_view};
 use ash::vk;
@@ -10,7 +10,7 @@ use bevy::render::{
     renderer::RenderDevice,
 };
 
-/// A bind group with the Vulkan handles of all that it binds, which live as long as it.
+/// A bind group with the Vulkan handles of all its resources, which live as long as it does.
 pub(super) struct GroupContents {
     pub(super) bind_group: BindGroup,
     pub(super) bindings: Vec<(u32, Content)>,
@@ -42,12 +42,12 @@ impl BindGroupContents {
         self.0.is_none()
     }
 
-    /// Call it whenever the bind group is created again or its contents are no longer used.
+    /// Call whenever the bind group is created again or its contents are no longer used.
     pub(crate) fn clear(&mut self) {
         self.0 = None;
     }
 
-    /// `entries` are those of the bind group; `samplers` contains all samplers among them with their descriptors.
+    /// `entries` are the entries of the bind group; `samplers` contains all samplers among them with their descriptors.
     pub(crate) fn fill(
         &mut self,
         device: &RenderDevice,
@@ -68,7 +68,7 @@ impl BindGroupContents {
 }
 
 impl GroupContents {
-    /// `entries` are those from which the bind group was created; `samplers` contains all samplers among them with their descriptors.
+    /// `entries` are the ones from which the bind group was created; `samplers` contains all samplers among them with their descriptors.
     ///
     /// # Errors
     /// The reason why the group can't be bound, as the end of a sentence: the renderer doesn't use Vulkan, something was
@@ -134,7 +134,7 @@ fn view(view: &WgpuTextureView) -> Result<View, String> {
     })
 }
 
-/// As wgpu makes it on a device with anisotropic filters.
+/// The same as in wgpu on a device with anisotropic filtering.
 pub(super) fn sampler_info(descriptor: &SamplerDescriptor) -> vk::SamplerCreateInfo<'static> {
     let filter = |mode| match mode {
         FilterMode::Nearest => vk::Filter::NEAREST,

@@ -16,12 +16,12 @@ pub(super) struct SetLayout {
     vulkan: Arc<Vulkan>,
     pub raw: vk::DescriptorSetLayout,
     bindings: Vec<(BindGroupLayoutEntry, vk::DescriptorType)>,
-    /// Arrays are updated after binding, as wgpu's are: otherwise they can't be as long as its limits allow.
+    /// Arrays are updated after binding, like wgpu's: otherwise they can't be as long as its limits allow.
     has_arrays: bool,
 }
 
 impl SetLayout {
-    /// `partially_bound`: arrays need not be full.
+    /// `partially_bound` is true if arrays needn't be full.
     pub fn new(
         vulkan: &Arc<Vulkan>,
         descriptor: &BindGroupLayoutDescriptor,
@@ -95,7 +95,7 @@ fn length(entry: &BindGroupLayoutEntry) -> u32 {
     entry.count.map_or(1, NonZeroU32::get)
 }
 
-/// `None` for acceleration structures.
+/// Returns `None` for acceleration structures.
 pub(super) fn descriptor_type(kind: BindingType) -> Result<Option<vk::DescriptorType>, String> {
     Ok(Some(match kind {
         BindingType::Buffer {
@@ -163,7 +163,7 @@ impl DescriptorSet {
         let info = vk::DescriptorSetAllocateInfo::default()
             .descriptor_pool(self.pool)
             .set_layouts(&layouts);
-        // SAFETY: the pool has room for one set of this layout.
+        // SAFETY: the pool has space for one set of this layout.
         let sets = unsafe { raw.allocate_descriptor_sets(&info) }.map_err(failed("allocating a descriptor set"))?;
         self.raw = sets.first().copied().ok_or("no descriptor set")?;
         Ok(())
@@ -231,7 +231,7 @@ impl Drop for DescriptorSet {
     }
 }
 
-/// The layout is that of wgpu's states for bound textures.
+/// The layout matches wgpu's states for bound textures.
 fn image_info(view: &View, kind: vk::DescriptorType) -> vk::DescriptorImageInfo {
     let layout = if kind == vk::DescriptorType::STORAGE_IMAGE {
         vk::ImageLayout::GENERAL

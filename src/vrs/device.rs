@@ -8,18 +8,18 @@ use bevy::render::{
 };
 use wgpu::hal::{Device as _, api::Vulkan as VulkanApi};
 
-/// The device, with the features and extensions with which it was opened.
+/// The device, and the features and extensions that it was opened with.
 pub(super) struct Vulkan {
     pub raw: ash::Device,
     pub anisotropy: bool,
-    /// `None` where Vulkan itself has these functions.
+    /// `None` if Vulkan itself has these functions.
     rendering: Option<khr::dynamic_rendering::Device>,
     memory: vk::PhysicalDeviceMemoryProperties,
     /// Keeps the device alive.
     _wgpu: wgpu::Device,
 }
 
-/// Puts a name to an error of Vulkan.
+/// Adds a name to a Vulkan error.
 pub(super) fn failed(what: &'static str) -> impl FnOnce(vk::Result) -> String {
     move |error| format!("{what} failed: {error}")
 }
@@ -84,7 +84,7 @@ impl Vulkan {
         let types = self.memory.memory_types.iter().zip(0..self.memory.memory_type_count);
         let ordinary =
             types.filter(|(kind, index)| (allowed >> index) & 1 != 0 && !kind.property_flags.intersects(special));
-        // Types are sorted so that the first one that fits is the best.
+        // Types are sorted so that the first suitable one is the best.
         let mut any = None;
         for (kind, index) in ordinary {
             if kind.property_flags.contains(vk::MemoryPropertyFlags::DEVICE_LOCAL) {
@@ -112,9 +112,9 @@ pub(super) fn raw_view(view: &WgpuTextureView) -> Result<vk::ImageView, String> 
     raw.ok_or_else(|| DESTROYED.into())
 }
 
-/// Address at which shaders find an acceleration structure while it lives; wgpu gives no access to its handle.
+/// Device address of an acceleration structure while it lives; wgpu doesn't expose its handle.
 pub(super) fn acceleration_structure_address(device: &RenderDevice, tlas: &Tlas) -> Result<u64, String> {
-    // The copy is another name of the same acceleration structure.
+    // The clone refers to the same acceleration structure.
     let mut tlas = tlas.clone();
     // SAFETY: nothing is destroyed through the handles.
     let (device, tlas) = unsafe { (device.wgpu_device().as_hal::<VulkanApi>(), tlas.as_hal::<VulkanApi>()) };

@@ -1,7 +1,8 @@
-//! Lets a SPIR-V module find its acceleration structure by device address instead of by descriptor.
+//! Makes a SPIR-V module access its acceleration structure by device address instead of by descriptor.
 //!
-//! wgpu gives no handle of its acceleration structures away, only their addresses. The module's binding becomes a push
-//! constant of two words, and where it was loaded, `OpConvertUToAccelerationStructureKHR` makes an acceleration structure.
+//! wgpu doesn't expose handles of its acceleration structures, only their addresses. The module's binding becomes a push
+//! constant of two words. Each load of it becomes a load of the address, which `OpConvertUToAccelerationStructureKHR`
+//! converts to an acceleration structure.
 
 const HEADER_WORDS: usize = 5;
 /// Index of the first unused id in the header.
@@ -52,7 +53,7 @@ fn push(module: &mut Vec<u32>, op: u32, operands: &[u32]) {
     module.extend_from_slice(operands);
 }
 
-/// Known ids of the module's types and of variables.
+/// Known ids of the module's types and variables.
 #[derive(Default)]
 struct Found {
     structure: Option<u32>,
@@ -83,7 +84,7 @@ impl Found {
     }
 }
 
-/// The module with its acceleration structure read by address; `None` where it has no acceleration structure.
+/// The module with its acceleration structure read by address; `None` if it has no acceleration structure.
 pub(super) fn read_by_address(module: &[u32]) -> Result<Option<Vec<u32>>, String> {
     let list = instructions(module)?;
     let found = Found::new(&list);
@@ -114,7 +115,7 @@ pub(super) fn read_by_address(module: &[u32]) -> Result<Option<Vec<u32>>, String
                     push(&mut out, OP_MEMBER_DECORATE, &[block, 0, DECORATION_OFFSET, 0]);
                 }
             }
-            // It is declared last, behind the types that it needs now.
+            // It is declared at the end, after the types that it now needs.
             (OP_VARIABLE, &[_, id, ..]) if id == variable => {}
             (OP_LOAD, &[_, result, source, ..]) if source == variable => {
                 let (loaded, address) = (new_id(), new_id());
@@ -154,7 +155,7 @@ pub(super) fn read_by_address(module: &[u32]) -> Result<Option<Vec<u32>>, String
 mod tests {
     use super::*;
 
-    /// A function that loads the variable 5 of the type 1, behind types without vectors.
+    /// A function that loads the variable 5 of the type 1, after types without vectors.
     fn module() -> Vec<u32> {
         let mut module = vec![0x0723_0203, 0x0001_0500, 0, 20, 0];
         push(&mut module, OP_DECORATE, &[5, 34, 1]);
@@ -172,7 +173,7 @@ mod tests {
     fn the_binding_becomes_a_push_constant() {
         let patched = read_by_address(&module()).unwrap().unwrap();
         let list = instructions(&patched).unwrap();
-        // 20: vector, 21: block, 22: its pointer; 23 and 24 are loaded.
+        // 20: vector, 21: block, 22: pointer to it; 23 and 24 are loaded.
         let expected: [Instruction<'_>; 12] = [
             (OP_DECORATE, &[21, DECORATION_BLOCK]),
             (OP_MEMBER_DECORATE, &[21, 0, DECORATION_OFFSET, 0]),

@@ -1,4 +1,4 @@
-//! Data that the passes hand over for a draw at a variable rate.
+//! Data for a draw at a variable rate.
 
 use super::BindGroupContents;
 use crate::targets::Sizes;
@@ -9,14 +9,14 @@ use bevy::{
     shader::{Shader, ShaderDefVal},
 };
 
-/// Shaders, definitions and layouts that the pipeline is made of; the same for all views.
+/// Shaders, definitions and layouts of the pipeline; the same for all views.
 pub(crate) struct PipelineRequest {
     /// A module with the entry points `vertex` (a triangle over the targets) and `fragment` (radiance and ray sample).
     pub shader: Handle<Shader>,
     pub defs: Vec<ShaderDefVal>,
     /// Layouts of the bind groups, as for wgpu's pipelines.
     pub layouts: [BindGroupLayoutDescriptor; 3],
-    /// A module with the entry points `pack`, which makes the bytes of a shading-rate attachment, and `touch`, which does nothing.
+    /// A module with the entry points `pack`, which writes the bytes of a shading-rate attachment, and `touch`, which does nothing.
     pub attachment_shader: Handle<Shader>,
 }
 

@@ -1,4 +1,4 @@
-//! Opens the Vulkan device with variable rate shading, and records its capabilities, or why it has none.
+//! Opens the Vulkan device with variable rate shading, and records its capabilities, or the reason why it has none.
 
 use crate::device::{HardwareVrsSupport, ShadingRates};
 use ash::{khr, vk};
@@ -12,8 +12,8 @@ use core::ptr;
 use std::sync::{Arc, Mutex, PoisonError};
 use wgpu::hal::vulkan::{Adapter, CreateDeviceCallbackArgs};
 
-/// Lets cameras use [`ReflectionBackend::HardwareVrs`](crate::ReflectionBackend::HardwareVrs): opens the Vulkan device with
-/// `VK_KHR_fragment_shading_rate` where the driver has it, and leaves everything as it is elsewhere.
+/// Enables [`ReflectionBackend::HardwareVrs`](crate::ReflectionBackend::HardwareVrs): opens the Vulkan device with
+/// `VK_KHR_fragment_shading_rate` if the driver supports it, and changes nothing otherwise.
 ///
 /// Add it *before* `DefaultPlugins`, which open the device:
 ///
@@ -25,11 +25,11 @@ use wgpu::hal::vulkan::{Adapter, CreateDeviceCallbackArgs};
 ///     .run();
 /// ```
 ///
-/// [`HardwareVrs`] says whether it worked.
+/// [`HardwareVrs`] reports whether it worked.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct HardwareVrsPlugin {
-    /// Run the pass at one invocation per trace pixel where the device has no shading-rate attachments: the same rays, each
-    /// traced by all pixels of its block. For tests on other devices; slower than compute. Default: false.
+    /// Run the pass at one invocation per trace pixel if the device has no shading-rate attachments: the same rays, each traced
+    /// by all pixels of its block. For tests on other devices; slower than compute. Default: false.
     pub allow_full_rate: bool,
 }
 
@@ -59,8 +59,8 @@ impl Plugin for HardwareVrsPlugin {
     }
 }
 
-/// Tells whether the device was opened with shading-rate attachments. Inserted by [`HardwareVrsPlugin`] and known once the
-/// renderer has started. If the pass fails later, this says so until it is tried again.
+/// Whether the device was opened with shading-rate attachments. Inserted by [`HardwareVrsPlugin`], and known once the renderer
+/// has started. If the pass fails later, this reports it until the pass is retried.
 #[derive(Resource, Clone, Debug)]
 pub struct HardwareVrs(Arc<Mutex<Result<Capabilities, String>>>);
 
@@ -74,12 +74,12 @@ impl HardwareVrs {
     /// Checks whether the hardware can use rate images with tiles of `tile` x `tile` trace pixels.
     ///
     /// # Errors
-    /// The reason why not, as the end of a sentence.
+    /// The error is the reason, as the end of a sentence.
     pub fn available(&self, tile: u32) -> Result<(), String> {
         self.capabilities()?.fits(tile)
     }
 
-    /// The rates of the device; `None` where the pass isn't available or runs at the full rate.
+    /// The rates of the device; `None` if the pass isn't available or runs at the full rate.
     #[must_use]
     pub fn rates(&self) -> Option<ShadingRates> {
         self.capabilities().ok()?.rates
@@ -87,7 +87,7 @@ impl HardwareVrs {
 
     /// For [`ReflectionStatusReport`](crate::ReflectionStatusReport).
     pub(super) fn status(&self) -> HardwareVrsSupport {
-        // One of the sizes that tiles can have.
+        // One of the possible tile sizes.
         let tiles = self
             .available(16)
             .or_else(|reason| self.available(8).map_err(|_| reason));
@@ -110,7 +110,7 @@ impl HardwareVrs {
 /// Capabilities that the device was opened with.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Capabilities {
-    /// `None`: the pass runs at the full rate.
+    /// `None` if the pass runs at the full rate.
     pub rates: Option<ShadingRates>,
     /// Version of the device functions; patch and variant are 0.
     pub version: u32,
@@ -191,7 +191,7 @@ fn probe(adapter: &Adapter) -> Facts {
     let known = adapter.physical_device_capabilities();
     let shared = adapter.shared_instance();
     let (instance, physical) = (shared.raw_instance(), adapter.raw_physical_device());
-    // wgpu asks for an instance of 1.0 or 1.3.
+    // wgpu requests an instance of 1.0 or 1.3.
     let version = if shared.instance_api_version() < vk::API_VERSION_1_1 {
         vk::API_VERSION_1_0
     } else {
@@ -257,8 +257,8 @@ fn probe_codes(adapter: &Adapter) -> u16 {
     let shared = adapter.shared_instance();
     let (instance, physical) = (shared.raw_instance(), adapter.raw_physical_device());
     let name = c"vkGetPhysicalDeviceFragmentShadingRatesKHR";
-    // A missing function would end the process when it is called.
-    // SAFETY: the instance belongs to this entry, and the name is one of Vulkan's.
+    // A missing function would end the process when it is called. SAFETY: the instance belongs to this entry, and the name is
+    // one of Vulkan's.
     let function = unsafe { shared.entry().get_instance_proc_addr(instance.handle(), name.as_ptr()) };
     if function.is_none() {
         return 1;
@@ -266,13 +266,13 @@ fn probe_codes(adapter: &Adapter) -> u16 {
     let functions = khr::fragment_shading_rate::Instance::new(shared.entry(), instance);
     let query = functions.fp().get_physical_device_fragment_shading_rates_khr;
     let mut count = 0;
-    // SAFETY: the device supports the extension; a null list asks for its length.
+    // SAFETY: the device supports the extension; a null list queries its length.
     let result = unsafe { query(physical, &mut count, ptr::null_mut()) };
     if result != vk::Result::SUCCESS {
         return 1;
     }
     let mut list = vec![vk::PhysicalDeviceFragmentShadingRateKHR::default(); count as usize];
-    // SAFETY: the list holds `count` structures with their types set.
+    // SAFETY: the list has `count` structures with their types set.
     let result = unsafe { query(physical, &mut count, list.as_mut_ptr()) };
     if result != vk::Result::SUCCESS {
         return 1;
@@ -291,7 +291,7 @@ fn probe_codes(adapter: &Adapter) -> u16 {
     })
 }
 
-/// Adds the features that `judge` found to the device. Fails, and adds nothing, if another callback has set the same features.
+/// Enables the features that `judge` found on the device. Fails, and adds nothing, if another callback has set the same features.
 fn enable(args: &mut CreateDeviceCallbackArgs<'_, '_, '_>, capabilities: &Capabilities) -> Result<(), String> {
     let taken = [
         vk::StructureType::PHYSICAL_DEVICE_FRAGMENT_SHADING_RATE_FEATURES_KHR,
@@ -316,7 +316,7 @@ fn enable(args: &mut CreateDeviceCallbackArgs<'_, '_, '_>, capabilities: &Capabi
         }
     };
     let mut info = *args.create_info;
-    // A few bytes for each device; the chain must outlive this call.
+    // A leak of a few bytes per device; the chain must outlive this call.
     if capabilities.rates.is_some() {
         add(khr::fragment_shading_rate::NAME);
         let features = vk::PhysicalDeviceFragmentShadingRateFeaturesKHR::default();

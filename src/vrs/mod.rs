@@ -1,14 +1,13 @@
 //! Variable rate shading of the rasterizer: a full-screen fragment pass with a shading-rate attachment
 //! (`VK_KHR_fragment_shading_rate`), so that the GPU starts one invocation for each block.
 //!
-//! wgpu has no such attachments. [`HardwareVrsPlugin`] opens the device with the extension; the pass is a raw Vulkan pass in a command
-//! buffer of its own, between those that wgpu records:
+//! wgpu has no such attachments. [`HardwareVrsPlugin`] opens the device with the extension; the pass is a raw Vulkan pass in a separate
+//! command buffer, between the ones that wgpu records:
 //!
-//! 1. A shader packs the rate image into bytes, and an empty dispatch with the pass's bind groups makes wgpu bring all that they
-//!    name into the states in which shaders read it (`states.rs`).
-//! 2. The raw command buffer copies the bytes into the attachment and draws (`pass.rs`) with a pipeline that is made of the
-//!    same WESL as wgpu's (`shader.rs`, `pipeline.rs`) and descriptor sets with the contents of wgpu's bind groups
-//!    (`contents.rs`, `descriptors.rs`).
+//! 1. A shader packs the rate image into bytes, and an empty dispatch with the pass's bind groups makes wgpu move all their resources
+//!    into the states for shader reads (`states.rs`).
+//! 2. The raw command buffer copies the bytes into the attachment and draws (`pass.rs`). Its pipeline is made from the same WESL as wgpu's
+//!    (`shader.rs`, `pipeline.rs`), and its descriptor sets have the contents of wgpu's bind groups (`contents.rs`, `descriptors.rs`).
 //! 3. Everything that the command buffer uses is kept until wgpu reports that the GPU is done with it.
 //!
 //! This module doesn't depend on rays or views. `trace/vrs.rs` provides the draw. `no_vrs.rs` replaces this module if it isn't compiled.
@@ -56,7 +55,7 @@ use bevy::{
 /// resource.
 ///
 /// # Errors
-/// The reason why not, as the end of a sentence.
+/// The error is the reason, as the end of a sentence.
 pub(crate) fn available(support: Option<&HardwareVrs>, tile: u32) -> Result<(), String> {
     support.map_or_else(
         || Err("`HardwareVrsPlugin` wasn't added before `DefaultPlugins`".into()),
@@ -69,14 +68,14 @@ pub(crate) fn status(support: Option<&HardwareVrs>) -> HardwareVrsSupport {
     support.map_or(HardwareVrsSupport::NotAsked, HardwareVrs::status)
 }
 
-/// Fragments of a size exist, named by its code.
+/// Returns whether the device supports fragments of the size with this code.
 pub(crate) fn supports(support: Option<&HardwareVrs>, code: u32) -> bool {
     let rates = support.and_then(HardwareVrs::rates);
     rates.is_none_or(|rates| rates.supports(code))
 }
 
-/// Adds the systems that make and keep [`VrsBackend`]. Without hardware support they leave no such resource, and [`HardwareVrs`] says
-/// why.
+/// Adds the systems that create and update [`VrsBackend`]. Without hardware support there is no such resource, and [`HardwareVrs`]
+/// contains the reason.
 pub(crate) struct VrsPlugin;
 
 impl Plugin for VrsPlugin {

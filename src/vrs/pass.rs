@@ -10,16 +10,15 @@ use ash::vk;
 use bevy::math::UVec2;
 use std::sync::Arc;
 
-/// Commands that are recorded into a command buffer. Before it runs, wgpu has transitioned the targets to `COLOR_TARGET`, the
-/// words of the rate image to `COPY_SRC`, and all resources of the sets to the states of their bindings. The commands leave these
-/// states as they were.
+/// Commands to record into a command buffer. Before it runs, wgpu has transitioned the targets to `COLOR_TARGET`, the words of the rate
+/// image to `COPY_SRC`, and all resources of the sets to the states of their bindings. The commands don't change these states.
 pub(super) struct PassCommands<'a> {
     pub vulkan: &'a Vulkan,
     pub pipeline: &'a RawPipeline,
     pub sets: &'a [Arc<DescriptorSet>; 3],
     /// Dynamic offsets of all sets, in their order.
     pub dynamic_offsets: &'a [u32],
-    /// `None`: at the full rate.
+    /// `None` at the full rate.
     pub rates: Option<&'a RateImage>,
     pub targets: [vk::ImageView; 2],
     /// Pixels of the targets.
@@ -30,7 +29,7 @@ pub(super) struct PassCommands<'a> {
 
 impl PassCommands<'_> {
     /// # Safety
-    /// `commands` is being recorded outside of a pass, and all that the fields name lives until it has run.
+    /// `commands` is being recorded outside a pass, and everything in the fields lives until it has run.
     pub unsafe fn record(&self, commands: vk::CommandBuffer) {
         // SAFETY: the caller's promise.
         unsafe {
@@ -74,7 +73,7 @@ impl PassCommands<'_> {
             vk::PipelineStageFlags::TRANSFER,
         );
         let region = RateRows::new(rates.tiles).region(rates.tiles);
-        // SAFETY: the caller's promise; the region lies in the buffer and covers the image.
+        // SAFETY: the caller's promise; the region is inside the buffer and covers the image.
         unsafe {
             raw.cmd_pipeline_barrier(commands, reads, copies, none, &[], &[], &[before]);
             raw.cmd_copy_buffer_to_image(
@@ -127,7 +126,7 @@ impl PassCommands<'_> {
             rates = rates.image_view(image.view);
             info = info.push_next(&mut rates);
         }
-        // Flipped, as wgpu's viewports are.
+        // Flipped, like wgpu's viewports.
         let viewport = vk::Viewport {
             x: 0.0,
             y: self.size.y as f32,

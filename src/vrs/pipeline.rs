@@ -26,7 +26,7 @@ const fn raw_format(format: TextureFormat) -> vk::Format {
 /// The pipeline and its layouts.
 pub(super) struct RawPipeline {
     vulkan: Arc<Vulkan>,
-    /// One for each bind group from 0 on.
+    /// One for each bind group, starting at 0.
     pub sets: Vec<SetLayout>,
     pub layout: vk::PipelineLayout,
     pub raw: vk::Pipeline,
@@ -35,7 +35,7 @@ pub(super) struct RawPipeline {
 }
 
 impl RawPipeline {
-    /// `has_rates`: it draws with a shading-rate attachment.
+    /// `has_rates` is true if it draws with a shading-rate attachment.
     pub fn new(
         vulkan: &Arc<Vulkan>,
         layouts: &[BindGroupLayoutDescriptor],
@@ -126,7 +126,7 @@ impl RawPipeline {
         let dynamic_states = [vk::DynamicState::VIEWPORT, vk::DynamicState::SCISSOR];
         let dynamic = vk::PipelineDynamicStateCreateInfo::default().dynamic_states(&dynamic_states);
         let mut rendering = vk::PipelineRenderingCreateInfo::default().color_attachment_formats(&TARGET_FORMATS);
-        // The rate of the pipeline is kept against that of primitives, and replaced by that of the attachment.
+        // Keeps the pipeline's rate over the primitives' rate, and replaces it by the attachment's.
         let mut rate = vk::PipelineFragmentShadingRateStateCreateInfoKHR::default()
             .fragment_size(vk::Extent2D { width: 1, height: 1 })
             .combiner_ops([

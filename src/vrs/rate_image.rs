@@ -1,4 +1,4 @@
-//! The shading-rate attachment of a view: an image that wgpu can't make, with the buffer that it is filled from.
+//! The shading-rate attachment of a view: an image that wgpu can't create, and the buffer from which it is filled.
 
 use super::device::{Vulkan, failed, raw_buffer};
 use crate::device::try_allocate;
@@ -14,7 +14,7 @@ use std::sync::Arc;
 
 const FORMAT: vk::Format = vk::Format::R8_UINT;
 
-/// How the bytes of an attachment lie in their buffer; the attachment shader has the same.
+/// Layout of an attachment's bytes in their buffer; the attachment shader uses the same.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct RateRows {
     /// Words of four texels.
@@ -34,7 +34,7 @@ impl RateRows {
         self.words * self.rows
     }
 
-    /// Region that is copied into the attachment.
+    /// Region to copy into the attachment.
     pub fn region(self, tiles: UVec2) -> vk::BufferImageCopy {
         vk::BufferImageCopy::default()
             .buffer_row_length(self.words * 4)
@@ -62,7 +62,7 @@ pub(super) struct RateImage {
     pub tiles: UVec2,
     /// Buffer that the attachment shader writes.
     pub words: Buffer,
-    /// `words`.
+    /// Raw handle of `words`.
     pub raw_words: vk::Buffer,
 }
 
@@ -108,7 +108,7 @@ impl RateImage {
             .usage(vk::ImageUsageFlags::FRAGMENT_SHADING_RATE_ATTACHMENT_KHR | vk::ImageUsageFlags::TRANSFER_DST)
             .sharing_mode(vk::SharingMode::EXCLUSIVE)
             .initial_layout(vk::ImageLayout::UNDEFINED);
-        // SAFETY: the device has the extension that the usage belongs to, and the format can be used so (`init.rs`).
+        // SAFETY: the device has the extension of the usage, and the format supports it (`init.rs`).
         self.image = unsafe { raw.create_image(&info, None) }.map_err(failed("making the shading-rate attachment"))?;
         // SAFETY: the image is of this device.
         let requirements = unsafe { raw.get_image_memory_requirements(self.image) };
@@ -121,7 +121,7 @@ impl RateImage {
         // SAFETY: the type exists.
         self.memory =
             unsafe { raw.allocate_memory(&info, None) }.map_err(failed("allocating the shading-rate attachment"))?;
-        // SAFETY: the memory is as large as the image wants, of an allowed type, and not bound to anything else.
+        // SAFETY: the memory is large enough for the image, of an allowed type, and not bound to anything else.
         unsafe { raw.bind_image_memory(self.image, self.memory, 0) }
             .map_err(failed("binding the shading-rate attachment"))?;
         let info = vk::ImageViewCreateInfo::default()
@@ -136,7 +136,7 @@ impl RateImage {
     }
 }
 
-/// All of a simple image.
+/// The whole of a simple image.
 pub(super) const WHOLE: vk::ImageSubresourceRange = vk::ImageSubresourceRange {
     aspect_mask: vk::ImageAspectFlags::COLOR,
     base_mip_level: 0,

@@ -1,31 +1,31 @@
-//! When a pass that failed is tried again.
+//! When to retry a pass that failed.
 
-/// Frames until then, doubled with each further failure, at most so often.
+/// Number of frames until then, doubled with each further failure up to a maximum.
 const FRAMES: u32 = 600;
 const MOST_DOUBLINGS: u32 = 6;
 
 /// A failure can be a brief lack of memory, or a lasting driver error: the pass is retried, but after a longer wait each time.
 #[derive(Debug, Default)]
 pub(super) struct Retry {
-    /// Failures since the pass was last recorded.
+    /// Number of failures since the pass was last recorded.
     failures: u32,
-    /// Frames until the next try; 0 where none is due.
+    /// Number of frames until the next try; 0 if none is pending.
     frames: u32,
 }
 
 impl Retry {
-    /// The pass has failed.
+    /// Call if the pass has failed.
     pub fn fail(&mut self) {
         self.frames = FRAMES << self.failures.min(MOST_DOUBLINGS);
         self.failures += 1;
     }
 
-    /// The pass was recorded.
+    /// Call if the pass was recorded.
     pub fn succeed(&mut self) {
         *self = Self::default();
     }
 
-    /// A frame goes by. Returns whether the pass is to be tried again now.
+    /// Call once per frame. Returns whether to retry the pass now.
     pub fn is_due(&mut self) -> bool {
         let was_waiting = self.frames > 0;
         self.frames = self.frames.saturating_sub(1);

@@ -1,4 +1,4 @@
-//! From WESL to the SPIR-V of the two stages, as wgpu translates it.
+//! Translates WESL to the SPIR-V of the two stages, like wgpu.
 
 use super::device_address::read_by_address;
 use ash::vk;
@@ -18,9 +18,9 @@ pub(super) const FRAGMENT: &CStr = c"fragment";
 /// Links modules to WGSL.
 pub(super) type Linker = ShaderCache<String, ()>;
 
-/// A linker of all modules that are loaded. `storage_buffers` is the device's limit for a stage.
+/// A linker with all loaded modules. `storage_buffers` is the device's limit for a stage.
 pub(super) fn linker(shaders: &Assets<Shader>, storage_buffers: u32) -> Linker {
-    // Bevy's pipeline cache defines the same.
+    // Same definitions as in Bevy's pipeline cache.
     let global: [ShaderDefVal; 3] = [
         ShaderDefVal::UInt("AVAILABLE_STORAGE_BUFFER_BINDINGS".into(), storage_buffers),
         ShaderDefVal::Bool("AVAILABLE_STORAGE_BUFFER_BINDINGS__GE_3".into(), storage_buffers >= 3),
@@ -38,7 +38,7 @@ pub(super) fn linker(shaders: &Assets<Shader>, storage_buffers: u32) -> Linker {
     linker
 }
 
-/// The WGSL of a module with all that it imports; `None` while some of it is still being loaded.
+/// The WGSL of a module with all its imports; `None` while some of them are still being loaded.
 pub(super) fn link(
     linker: &mut Linker,
     shader: AssetId<Shader>,
@@ -68,7 +68,7 @@ pub(super) struct Spirv {
     pub has_address: bool,
 }
 
-/// Translates without run-time checks, as Bevy does. `layouts` are those of the bind groups from 0 on; bindings keep their numbers.
+/// Translates without run-time checks, like Bevy. `layouts` are the layouts of the bind groups, starting at 0; bindings keep their numbers.
 pub(super) fn translate(wgsl: &str, layouts: &[BindGroupLayoutDescriptor], target: Target) -> Result<Spirv, String> {
     let module = naga::front::wgsl::parse_str(wgsl).map_err(|error| error.emit_to_string(wgsl))?;
     let info = naga::valid::Validator::new(naga::valid::ValidationFlags::all(), naga::valid::Capabilities::all())
@@ -81,7 +81,7 @@ pub(super) fn translate(wgsl: &str, layouts: &[BindGroupLayoutDescriptor], targe
         } else {
             (1, 5)
         },
-        // The viewport flips, as wgpu's do.
+        // The viewport flips, like wgpu's.
         flags: spv::WriterFlags::empty(),
         fake_missing_bindings: false,
         binding_map: binding_map(layouts),
@@ -136,7 +136,7 @@ fn binding_map(layouts: &[BindGroupLayoutDescriptor]) -> spv::BindingMap {
         .collect()
 }
 
-/// Capabilities that wgpu enables on a device with these features, as far as the shader could need them.
+/// Capabilities that wgpu enables on a device with these features, as far as the shader might need them.
 fn capabilities(features: WgpuFeatures) -> Vec<spv::Capability> {
     let mut list = vec![
         spv::Capability::Shader,

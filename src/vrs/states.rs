@@ -1,4 +1,4 @@
-//! wgpu's part of the pass: packs the rates and brings all that the pass uses into the states that it counts on.
+//! wgpu's part of the pass: packs the rates and moves all resources of the pass into the states that it expects.
 
 use super::{
     draw::VrsDraw,
@@ -21,11 +21,11 @@ pub(super) struct StateSetter<'a> {
 }
 
 impl StateSetter<'_> {
-    /// `new_targets`: wgpu hasn't seen them in this back end before.
+    /// `new_targets` is true if wgpu hasn't used them in this back end before.
     pub fn set(&self, ctx: &mut RenderContext, pass: &VrsDraw, rates: Option<&RateImage>, new_targets: bool) {
         let targets = [pass.ray_radiance, pass.ray_sample];
         if new_targets {
-            // wgpu doesn't see the pass write them: it would clear them at their first use after the pass.
+            // wgpu doesn't see the pass write them. It would clear them on their first use after the pass.
             let attachment = |view| {
                 Some(RenderPassColorAttachment {
                     view,
@@ -61,7 +61,7 @@ impl StateSetter<'_> {
                 compute.set_bind_group(0, pack_group, &[]);
                 compute.dispatch_workgroups(words.div_ceil(64), 1, 1);
             }
-            // wgpu makes its barriers for a dispatch even where it is empty, and for shaders of all stages.
+            // wgpu inserts its barriers even for an empty dispatch, and for shaders of all stages.
             compute.set_pipeline(self.touch);
             for (index, group) in (0..).zip(&pass.groups) {
                 let Ok(contents) = group.contents.contents() else {

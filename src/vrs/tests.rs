@@ -151,7 +151,7 @@ fn bound(module: &[u32], set: u32, binding: u32) -> Option<u32> {
     in_set.into_iter().find(|id| at_binding.contains(id))
 }
 
-/// The length of the array that a variable is.
+/// The length of an array variable.
 fn array_length(module: &[u32], variable: u32) -> u32 {
     let find = |op, index: usize, id: u32| all(module, op).into_iter().find(|list| list[index] == id).unwrap();
     let pointer = find(OP_VARIABLE, 1, variable)[0];
@@ -197,7 +197,7 @@ fn acceleration_structures_are_found_by_address() {
     assert!(!conversions.is_empty());
     assert!(conversions.iter().all(|list| list[0] == structure));
     assert!(all(module, OP_LOAD).iter().all(|list| list[0] != structure));
-    // One push constant: a struct of one member.
+    // One push constant: a struct with one member.
     let variables = all(module, OP_VARIABLE);
     let constants: Vec<_> = variables.iter().filter(|list| list[2] == 9).collect();
     assert_eq!(constants.len(), 1);
