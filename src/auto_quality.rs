@@ -19,7 +19,7 @@ use bevy::{
 use core::time::Duration;
 use search::{Decision, Frame, Search, guess};
 
-/// A camera with a [`ReflectionAutoQuality`] has its quality from now on.
+/// The search for a camera's quality has ended with this one.
 ///
 /// ```no_run
 /// use bevy::prelude::*;
@@ -37,7 +37,7 @@ pub struct ReflectionQualityChosen {
     pub camera: Entity,
     /// Its quality.
     pub quality: ReflectionQuality,
-    /// GPU milliseconds per frame that were measured with it; with `Off`, those of `Low`. `None` if nothing was measured, so that the
+    /// GPU milliseconds per frame that were measured with it; for `Off`, the time of `Low`. `None` if nothing was measured, and the
     /// quality is a guess.
     pub milliseconds: Option<f32>,
 }
@@ -53,7 +53,7 @@ impl Plugin for AutoQualityPlugin {
     }
 }
 
-/// Returns whether rays of a camera are in its picture. A view that sees nothing to reflect on takes no time, whatever its quality.
+/// Returns whether a camera's frame contains rays. A view without reflective surfaces takes no time, regardless of its quality.
 fn reflects(camera: Entity, report: &ReflectionStatusReport) -> bool {
     report.ready && !report.traces_nothing() && report.active_backends.iter().any(|(active, _)| *active == camera)
 }
@@ -91,7 +91,7 @@ fn choose_qualities(
         let decision = match searches.get_mut(&camera) {
             Some(search) if !settings.is_changed() => {
                 if quality != Some(&search.quality) {
-                    // Somebody else has chosen.
+                    // Other code has chosen.
                     commands.entity(camera).try_remove::<ReflectionAutoQuality>();
                     continue;
                 }

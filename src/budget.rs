@@ -1,4 +1,4 @@
-//! Moves the effort of cameras with a [`ReflectionBudget`] until their reflections take the time that it allows.
+//! Adjusts the effort of cameras with a [`ReflectionBudget`] until their reflections take the budgeted time.
 
 use crate::{
     gpu_time::GpuTimes,
@@ -12,29 +12,29 @@ use bevy::{
     log::warn_once,
 };
 
-/// Measurements of which the median counts: single frames are slow for reasons of others. More ignores longer disturbances, and
-/// answers later.
+/// Number of measurements for a median, since single frames can be slow for other reasons. A higher number ignores longer disturbances,
+/// and reacts later.
 const WINDOW: usize = 7;
-/// Frames after a change whose times may still be those of the settings before it. Less takes them for the answer, so that the
-/// effort swings; more makes steps rarer.
+/// Number of frames after a change with times that might still belong to the previous settings. A lower number mistakes them for the
+/// response, so that the effort oscillates; a higher one makes steps rarer.
 const LATENCY: u32 = 4;
-/// Share of the target by which times may differ from it before anything changes. Less follows noise, more holds the target
-/// less exactly.
+/// Fraction of the target by which times can differ from it without a change of effort. A lower value follows noise; a higher one meets
+/// the target less exactly.
 const DEAD_BAND: f32 = 0.05;
-/// Most and least that one step changes the logarithm of the effort. A longer step is faster after cuts, and is seen as a jump of
-/// quality. With a longer shortest step, the effort can miss the target by as much.
+/// Maximum and minimum of a step's change of the logarithm of the effort. A longer maximum is faster after cuts, and visible as a jump
+/// of quality. With a longer minimum, the effort can miss the target by that amount.
 const LARGEST_STEP: f32 = 0.22;
 const SMALLEST_STEP: f32 = 0.01;
-/// A step that turns back is shorter by this factor than the one before it, since the effort in search lies between both. Steps in one
-/// direction grow. A smaller `SHRINK` settles sooner and is misled by noise more easily; a larger `GROW` is faster after cuts, and
-/// overshoots farther.
+/// A step in the opposite direction is shorter by this factor than the previous one, since the right effort is between both. Steps in
+/// the same direction grow. A smaller `SHRINK` settles sooner and is misled by noise more easily; a larger `GROW` is faster after cuts,
+/// and overshoots farther.
 const SHRINK: f32 = 0.5;
 const GROW: f32 = 1.2;
-/// Frames without times after which there won't be any. With less, a device that is only busy is given up; with more, the effort
-/// stays unregulated longer before the log says so.
+/// Number of frames without times after which none are expected. A lower number gives up on a device that is only busy; a higher one
+/// leaves the effort unregulated for longer before the log warns.
 const PATIENCE: u32 = 300;
 
-/// Adds the system that holds budgets.
+/// Adds the system that regulates the effort.
 pub(crate) struct BudgetPlugin;
 
 impl Plugin for BudgetPlugin {
@@ -47,16 +47,16 @@ impl Plugin for BudgetPlugin {
 
 /// The state of a controller of effort.
 ///
-/// Time grows with effort, by a law that the scene makes: where a whole floor has one roughness, a small change of the cut-off takes or
-/// gives half of all rays. So steps follow the sign of the difference, and their length what the last ones met.
+/// Time grows with effort in a way that depends on the scene: if a whole floor has one roughness, a small change of the cut-off adds or
+/// removes half of all rays. Steps therefore follow the sign of the difference, and their length adapts to the results of the last ones.
 #[derive(Clone, Debug)]
 struct Controller {
     times: Vec<f32>,
     /// Measurements to ignore.
     skip: u32,
-    /// Length of the next step in the logarithm of the effort, at most.
+    /// Maximum length of the next step in the logarithm of the effort.
     reach: f32,
-    /// The last step took rays away.
+    /// The last step reduced the effort.
     fell: bool,
 }
 
@@ -72,7 +72,7 @@ impl Default for Controller {
 }
 
 impl Controller {
-    /// Takes a measurement in milliseconds, and returns the effort from now on.
+    /// Processes a measurement in milliseconds, and returns the new effort.
     fn step(&mut self, budget: ReflectionBudget, effort: f32, time: f32) -> f32 {
         if self.skip > 0 {
             self.skip -= 1;
@@ -125,7 +125,7 @@ fn hold_budgets(
         }
         return;
     };
-    // Views that see nothing reflective take no time, whatever the effort is.
+    // Views without reflective surfaces take no time, regardless of their effort.
     if status
         .as_deref()
         .is_some_and(|status| status.read(ReflectionStatusReport::traces_nothing))
@@ -156,8 +156,8 @@ fn hold_budgets(
     }
 }
 
-/// The share of a camera in the time of all of them, `time`, as its budget is one of `all` milliseconds. Times of cameras can't be told
-/// apart: so all are spared until their sum is that of the budgets.
+/// The share of a camera in the total time `time`, by the ratio of its budget to all budgets, `all` milliseconds. Times of cameras
+/// can't be separated, so all are reduced until their sum meets the sum of the budgets.
 fn share(budget: ReflectionBudget, all: f32, time: f32) -> f32 {
     if all > 0.0 {
         time * budget.milliseconds / all
@@ -170,11 +170,11 @@ fn share(budget: ReflectionBudget, all: f32, time: f32) -> f32 {
 mod tests {
     use super::*;
 
-    /// A camera whose time follows its effort some frames late, with noise.
+    /// A camera with a time that follows its effort with noise, some frames late.
     struct Model {
         fixed: f32,
         variable: f32,
-        /// Milliseconds that come within a few hundredths of effort.
+        /// Milliseconds that appear within a few hundredths of effort.
         steep: f32,
         controller: Controller,
         efforts: Vec<f32>,
@@ -235,7 +235,7 @@ mod tests {
         }
     }
 
-    /// Most of the picture has one roughness, which the cut-off passes at a third of the effort.
+    /// Most of the frame has one roughness, which the cut-off reaches at a third of the effort.
     #[test]
     fn a_steep_response_is_no_pumping() {
         let mut model = Model::new(0.5, 0.1);
@@ -269,7 +269,7 @@ mod tests {
 
     #[test]
     fn the_time_of_all_cameras_comes_to_the_sum_of_their_budgets() {
-        // One looks at a wall, the other one at a lake.
+        // One camera faces a wall, the other one a lake.
         for costs in [[0.2, 6.0], [6.0, 0.2]] {
             let budgets = [1.0, 3.0].map(|milliseconds| ReflectionBudget {
                 milliseconds,

@@ -1,13 +1,12 @@
 //! Makes opaque materials deferred, and every 3D camera able to draw them.
 //!
-//! Rays start from Bevy's G-buffer, which deferred materials alone write; for others, rays fill a second one (`front_layer/`), which costs
-//! more and has to be asked for. Bevy draws deferred materials on no camera without a `DeferredPrepass`, and panics over one that has other
-//! prepasses. Hence all 3D cameras get it, whether they reflect or not: else the objects
-//! of a mini map would vanish when the main camera begins to reflect. A camera without reflections pays for the G-buffer. The
-//! alternative, to make materials deferred only while a camera reflects, would prepare all materials anew at each switch, and other
-//! cameras would lose their objects meanwhile.
+//! Rays start from Bevy's G-buffer, which only deferred materials write. For others, rays fill a second one (`front_layer/`), which costs
+//! more and is opt-in. Bevy doesn't draw deferred materials on cameras without a `DeferredPrepass`, and panics if such a camera has other
+//! prepasses. Therefore, all 3D cameras get it, whether they reflect or not: otherwise, the objects of a mini map would vanish when the
+//! main camera begins to reflect. A camera without reflections pays for the G-buffer. The alternative is to make materials deferred only
+//! while a camera reflects. It would prepare all materials again at each switch, and other cameras would lose their objects meanwhile.
 //!
-//! An extended material with a shader of its own can lack one for the G-buffer: Bevy would draw only its base there. One without a
+//! An extended material with a custom shader can lack one for the G-buffer: Bevy would draw only its base there. A material without a
 //! prepass wouldn't be drawn at all. Such materials stay forward.
 
 use crate::{device::tracing_app, settings::ReflectionFallback};
@@ -42,15 +41,15 @@ use bevy::{
 use core::any::TypeId;
 use std::sync::{Arc, Weak};
 
-/// Makes opaque materials deferred unless the app says otherwise after it, or nothing reflects, since nothing can be traced.
+/// Makes opaque materials deferred, unless the app later chooses another method, or nothing reflects because the device can't trace.
 ///
-/// It has to be added after `ProbePlugin`, which finds out about the latter.
+/// Must be added after `ProbePlugin`, which detects the latter.
 pub(crate) struct DeferredPlugin {
-    /// Screen-space reflections take deferred materials, too.
+    /// Screen-space reflections need deferred materials, too.
     pub fallback: ReflectionFallback,
 }
 
-/// The method that ours took the place of, while plugins are being added.
+/// The method that ours replaced, while plugins are being added.
 #[derive(Resource)]
 struct Replaced {
     method: DefaultOpaqueRendererMethod,
@@ -64,7 +63,7 @@ impl Plugin for DeferredPlugin {
         }
         let world = app.world_mut();
         let method = world.get_resource::<DefaultOpaqueRendererMethod>().cloned();
-        // The tick distinguishes this change from those of the app.
+        // The tick distinguishes this change from the app's changes.
         world.increment_change_tick();
         world.insert_resource(DefaultOpaqueRendererMethod::deferred());
         let at = world.increment_change_tick();
@@ -103,7 +102,7 @@ impl Plugin for DeferredPlugin {
                 .add_systems(ExtractSchedule, find_used_materials);
             render_app.add_systems(
                 Render,
-                // The prepass is specialized among the first that follow.
+                // Runs before the prepass is specialized.
                 keep_own_shaders
                     .after(RenderSystems::PrepareAssets)
                     .before(RenderSystems::PrepareMeshes),
@@ -112,26 +111,26 @@ impl Plugin for DeferredPlugin {
     }
 }
 
-/// Opaque materials are deferred unless they say otherwise.
+/// Returns whether opaque materials are deferred by default.
 pub(crate) fn is_deferred(method: &DefaultOpaqueRendererMethod) -> bool {
     method.reflect_partial_eq(&DefaultOpaqueRendererMethod::deferred()) == Some(true)
 }
 
-/// Has 3D cameras come with all that deferred materials take, from their first frame on. A camera's own `Msaa` stays; Bevy switches
-/// it off with a warning.
+/// Makes deferred rendering a requirement of 3D cameras, so that they support it from their first frame on. A camera's own `Msaa` stays;
+/// Bevy switches it off with a warning.
 fn require_prepass(world: &mut World) {
     let result = world
         .try_register_required_components::<Camera3d, DepthPrepass>()
         .and_then(|()| world.try_register_required_components::<Camera3d, DeferredPrepass>())
         .and_then(|()| world.try_register_required_components_with::<Camera3d, Msaa>(|| Msaa::Off));
     if let Err(error) = result {
-        // Cameras exist already. The system does the same, a little later.
+        // Cameras exist already. The system below does the same, a little later.
         debug!("{error}");
     }
 }
 
-/// Cameras that Bevy draws without the prepasses of deferred materials. `remove_with_requires` also removes `SyncToRenderWorld`: Bevy
-/// then no longer draws the camera, and panics if the component is added again.
+/// Cameras that Bevy draws without the prepasses of deferred materials. `remove_with_requires` also removes `SyncToRenderWorld`: Bevy then
+/// no longer draws the camera, and panics if the component is added again.
 type Lacking = (With<Camera3d>, With<SyncToRenderWorld>, Without<DeferredPrepass>);
 
 /// Cameras that existed before, and cameras that lost the component.
@@ -144,7 +143,7 @@ fn add_prepass(cameras: Query<Entity, Lacking>, mut commands: Commands) {
     }
 }
 
-/// Every component that draws a `Mesh3d` with a material has this name.
+/// Name of every component that draws a `Mesh3d` with a material.
 const MATERIAL_COMPONENT: &str = "MeshMaterial3d";
 
 /// Types of materials that entities of the main world have or had, with their names.
@@ -154,7 +153,7 @@ struct UsedMaterials {
     names: HashMap<TypeId, &'static str>,
 }
 
-/// Finds types of materials. Nothing is walked but archetypes, each once when it is new.
+/// Finds types of materials. Only visits archetypes, each once when it is new.
 fn find_used_materials(
     archetypes: Extract<&Archetypes>,
     components: Extract<&Components>,
@@ -178,7 +177,7 @@ fn find_used_materials(
     }
 }
 
-/// The type of material, with its name, of entities with such a component.
+/// The type and name of the material of entities with such a component.
 fn material_of(component: TypeId, registry: &TypeRegistry) -> Option<(TypeId, &'static str)> {
     let info = registry.get(component)?.type_info();
     if info.type_path_table().ident() != Some(MATERIAL_COMPONENT) {
@@ -193,16 +192,17 @@ fn material_of(component: TypeId, registry: &TypeRegistry) -> Option<(TypeId, &'
 /// Materials with shaders that the G-buffer would lose.
 #[derive(Default)]
 struct Lossy {
-    /// By type of material. Shaders belong to a type, so that one look at each tells.
+    /// By type of material. All materials of a type have the same shaders, so each type is checked once.
     types: HashMap<TypeId, bool>,
-    /// Their properties: a material that is prepared anew has others. Held weakly, since the next ones could get the same address otherwise.
+    /// Properties of the materials, which change if a material is prepared again. The references are weak; a plain address could be reused
+    /// by later properties.
     known: HashMap<UntypedAssetId, Weak<MaterialProperties>>,
-    /// Types that the log has told of.
+    /// Types that were logged.
     told: HashSet<TypeId>,
 }
 
-/// Draws materials forward that the G-buffer would not show as they are. Materials that were prepared before the app
-/// chose deferred rendering stay as they are, as all others do in Bevy.
+/// Draws materials in the forward pass if the G-buffer would not show them correctly. Materials that were prepared before the app chose
+/// deferred rendering don't change, like all others in Bevy.
 fn keep_own_shaders(
     mut materials: ResMut<ErasedRenderAssets<PreparedMaterial>>,
     used: Res<UsedMaterials>,
@@ -244,7 +244,7 @@ fn keep_own_shaders(
         }
         let is_drawn_deferred = properties.render_method == OpaqueRendererMethod::Deferred
             && matches!(properties.alpha_mode, AlphaMode::Opaque | AlphaMode::Mask(_));
-        // No other code uses a material that was prepared just now.
+        // No other code has a reference to a material that was just prepared.
         if is_deferred
             && is_drawn_deferred
             && let Some(properties) = Arc::get_mut(properties)
@@ -276,7 +276,7 @@ fn is_lost(properties: &MaterialProperties, server: &AssetServer) -> bool {
     let base = base_shader(server);
     let own = properties.get_shader(MaterialFragmentShader);
     let deferred = properties.get_shader(DeferredFragmentShader);
-    // Bevy's own vertex shader is no material's.
+    // Bevy's own vertex shader isn't set on materials.
     let moves_vertices = properties.get_shader(MaterialVertexShader).is_some();
     !properties.prepass_enabled
         || loses_its_shader(
@@ -287,7 +287,7 @@ fn is_lost(properties: &MaterialProperties, server: &AssetServer) -> bool {
         || (moves_vertices && properties.get_shader(DeferredVertexShader).is_none())
 }
 
-/// The shader by which `StandardMaterial`s, and extensions that don't say otherwise, are drawn into the G-buffer.
+/// The shader for drawing `StandardMaterial`s, and extensions without their own one, into the G-buffer.
 fn base_shader(server: &AssetServer) -> Handle<Shader> {
     match StandardMaterial::deferred_fragment_shader() {
         ShaderRef::Default => Handle::default(),
@@ -296,7 +296,7 @@ fn base_shader(server: &AssetServer) -> Handle<Shader> {
     }
 }
 
-/// `base` also draws `StandardMaterial`s forward.
+/// `base` also draws `StandardMaterial`s in the forward pass.
 fn loses_its_shader(own: Option<AssetId<Shader>>, deferred: Option<AssetId<Shader>>, base: AssetId<Shader>) -> bool {
     own.is_some_and(|own| own != base) && deferred.is_none_or(|deferred| deferred == base)
 }

@@ -1,4 +1,4 @@
-//! Figures of the scene and of views for Bevy's `DiagnosticsStore`.
+//! Measurements of the scene and of views for Bevy's `DiagnosticsStore`.
 
 use crate::status::{ReflectionStatus, ReflectionViewMemory};
 use bevy::{
@@ -13,7 +13,7 @@ use bevy::{
 #[derive(Resource, Clone, Copy, Debug, Default)]
 pub struct CountInvocations;
 
-/// In the render world: only the whole of a view's passes is timed, since timers between passes keep them from overlapping.
+/// In the render world: only measures the total time of a view's passes, since timers between passes keep them from overlapping.
 #[derive(Resource, Clone, Copy, Debug, Default)]
 pub struct TotalTimeOnly;
 
@@ -22,17 +22,16 @@ pub struct TotalTimeOnly;
 #[derive(Resource, Clone, Copy, Debug, Default)]
 pub struct WithoutReflections;
 
-/// Findings of [`ReflectionDebugCounters`](crate::ReflectionDebugCounters) in one of the last frames, in the radiance that
-/// [`ReflectionDebugView::Reconstructed`](crate::ReflectionDebugView::Reconstructed) shows: before the composite, which stops
-/// values that are not finite.
+/// Results of [`ReflectionDebugCounters`](crate::ReflectionDebugCounters) in one of the last frames, for the radiance of
+/// [`ReflectionDebugView::Reconstructed`](crate::ReflectionDebugView::Reconstructed): before the composite, which filters non-finite
+/// values.
 #[derive(Reflect, Clone, Copy, Debug, PartialEq)]
 #[reflect(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub struct ReflectionNonFiniteReport {
-    /// Reflecting pixels that are not finite.
+    /// Number of non-finite reflective pixels.
     pub pixels: u32,
-    /// The first pixel that is not finite, else the brightest; counted from the first pixel of the view. (0, 0) where nothing
-    /// reflects.
+    /// The first non-finite pixel, or else the brightest one, relative to the first pixel of the view. (0, 0) if nothing reflects.
     pub worst: UVec2,
     /// Exposed radiance of the brightest channel of that pixel; `None` if it is not finite.
     pub radiance: Option<f32>,
@@ -65,24 +64,24 @@ impl ReflectionNonFiniteReport {
 pub struct ReflectionDiagnosticsPlugin;
 
 impl ReflectionDiagnosticsPlugin {
-    /// Bytes of GPU memory of the scene that rays hit.
+    /// GPU memory of the scene in bytes.
     pub const SCENE_BYTES: DiagnosticPath = DiagnosticPath::const_new("glint/scene_bytes");
-    /// Bytes of the textures and buffers that the reflections of all cameras own; a camera without reflections owns none.
+    /// Bytes of the textures and buffers of all cameras' reflections; a camera without reflections has none.
     pub const VIEW_BYTES: DiagnosticPath = DiagnosticPath::const_new("glint/view_bytes");
     /// Triangles that rays can hit, each mesh counted once.
     pub const TRIANGLES: DiagnosticPath = DiagnosticPath::const_new("glint/triangles");
     /// Objects that rays can hit.
     pub const INSTANCES: DiagnosticPath = DiagnosticPath::const_new("glint/instances");
-    /// Meshes whose acceleration structure is being built.
+    /// Meshes with an acceleration structure in progress.
     pub const MESHES_PENDING: DiagnosticPath = DiagnosticPath::const_new("glint/meshes_pending");
 
-    /// Pixels of the last reflection that are not finite.
+    /// Non-finite pixels of the last reflection.
     pub const NON_FINITE_PIXELS: DiagnosticPath = DiagnosticPath::const_new("render/reflection_non_finite");
     /// Column of the worst pixel.
     pub const WORST_X: DiagnosticPath = DiagnosticPath::const_new("render/reflection_worst_x");
     /// Row of the worst pixel.
     pub const WORST_Y: DiagnosticPath = DiagnosticPath::const_new("render/reflection_worst_y");
-    /// Exposed radiance of the worst pixel's brightest channel; -1 where it is not finite.
+    /// Exposed radiance of the worst pixel's brightest channel; -1 if it is not finite.
     pub const WORST_RADIANCE: DiagnosticPath = DiagnosticPath::const_new("render/reflection_worst_radiance");
 }
 

@@ -1,4 +1,4 @@
-//! Events on cameras: their reflections begin, or they get none.
+//! Events on cameras: their reflections begin, or are unavailable.
 
 use crate::{
     settings::RayTracedReflections,
@@ -10,9 +10,9 @@ use bevy::{
     reflect::Reflect,
 };
 
-/// The frames of a camera contain reflections from now on: all passes are compiled.
+/// From now on, the frames of a camera contain reflections: all passes are compiled.
 ///
-/// It comes once whenever a camera begins to reflect. Meshes that are still being built
+/// Triggered once whenever a camera begins to reflect. Meshes that are still being built
 /// ([`meshes_pending`](ReflectionStatusReport::meshes_pending)) are missing from reflections.
 #[derive(EntityEvent, Reflect, Clone, Copy, Debug, PartialEq, Eq)]
 #[reflect(Event, Debug, Clone, PartialEq)]
@@ -24,8 +24,8 @@ pub struct ReflectionsReady {
 
 /// A camera has [`RayTracedReflections`] but shows none.
 ///
-/// It comes once for each reason. If something of the camera is the reason, such as screen-space reflections beside
-/// ours, [`ReflectionsReady`] follows once that is remedied.
+/// Triggered once for each reason. If the reason is a property of the camera, such as screen-space reflections beside
+/// ours, [`ReflectionsReady`] follows once that is fixed.
 ///
 /// ```no_run
 /// use bevy::{pbr::ScreenSpaceReflections, prelude::*};
@@ -50,7 +50,7 @@ pub struct ReflectionsDeclined {
     /// The camera.
     #[event_target]
     pub camera: Entity,
-    /// Why, and the remedy if there is one; `src/manual/troubleshooting.md` explains each.
+    /// The reason, and the remedy if there is one; `src/manual/troubleshooting.md` explains each.
     pub reason: String,
 }
 
@@ -73,7 +73,7 @@ enum Outcome {
 }
 
 impl Outcome {
-    /// `None` while nothing is decided.
+    /// Returns `None` while nothing is decided.
     fn new(camera: Entity, report: &ReflectionStatusReport) -> Option<Self> {
         if report.active_backends.iter().any(|(active, _)| *active == camera) {
             return Some(Self::Ready);

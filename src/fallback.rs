@@ -1,4 +1,4 @@
-//! The fallback of cameras where nothing can be traced.
+//! The fallback of cameras on devices that can't trace.
 
 use crate::{
     device::tracing_app,
@@ -15,7 +15,7 @@ use bevy::{
 
 /// Gives cameras with [`RayTracedReflections`] a fallback, if the device can't trace.
 ///
-/// It has to be added after `ProbePlugin`, which finds out about that.
+/// Must be added after `ProbePlugin`, which detects that.
 pub(crate) struct FallbackPlugin {
     pub fallback: ReflectionFallback,
 }
@@ -39,7 +39,7 @@ impl Plugin for FallbackPlugin {
     }
 }
 
-/// A camera that has its `ScreenSpaceReflections` from here.
+/// A camera that got its `ScreenSpaceReflections` from here.
 #[derive(Component)]
 struct FellBack;
 

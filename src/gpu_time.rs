@@ -1,4 +1,4 @@
-//! The GPU time of reflections, as Bevy's `RenderDiagnosticsPlugin` measures it.
+//! The GPU time of reflections, measured by Bevy's `RenderDiagnosticsPlugin`.
 
 use bevy::{
     diagnostic::{Diagnostic, DiagnosticPath, DiagnosticsStore},
@@ -8,24 +8,24 @@ use core::time::Duration;
 
 /// Time of all passes of a view over its opaque surfaces.
 const TOTAL: DiagnosticPath = DiagnosticPath::const_new("render/glint/elapsed_gpu");
-/// Times of glass and water, and of the screens that rays take light from, which only some frames have.
+/// Times for glass and water, and for the screens that rays reuse, which only some frames have.
 const MORE: [DiagnosticPath; 3] = [
     DiagnosticPath::const_new("render/glint_keep_screen/elapsed_gpu"),
     DiagnosticPath::const_new("render/glint_find_front_layer/elapsed_gpu"),
     DiagnosticPath::const_new("render/glint_front_layer/elapsed_gpu"),
 ];
-/// Measurements of one frame have one time. A pass that lags behind by more didn't run.
+/// Measurements of one frame have the same time. A pass with an older measurement didn't run.
 const SAME_FRAME: Duration = Duration::from_millis(100);
 
-/// Tells new measurements from those that were there before.
+/// Detects new measurements.
 #[derive(Default)]
 pub(crate) struct GpuTimes {
     last: Option<Instant>,
 }
 
 impl GpuTimes {
-    /// Milliseconds that the reflections of all cameras took in a frame whose measurement has come since the last call. No pass takes no
-    /// time at all: devices that say so can't measure it.
+    /// Milliseconds that the reflections of all cameras took in a frame with a new measurement since the last call. A time of zero means
+    /// that the device can't measure it.
     pub fn next(&mut self, diagnostics: Option<&DiagnosticsStore>) -> Option<f32> {
         let diagnostics = diagnostics?;
         let (time, total) = last_frame(diagnostics.get(&TOTAL)?)?;
@@ -47,7 +47,7 @@ impl GpuTimes {
     }
 }
 
-/// When a pass was measured last, and its time in that frame: each camera adds a measurement.
+/// Time of a pass's last measurement, and its duration in that frame: each camera adds a measurement.
 fn last_frame(pass: &Diagnostic) -> Option<(Instant, f64)> {
     let time = pass.measurement()?.time;
     let cameras = pass.measurements().filter(|measured| measured.time == time);
@@ -78,7 +78,7 @@ mod tests {
         assert_eq!(times.next(Some(&store)), Some(1.625));
         assert_eq!(times.next(Some(&store)), None, "nothing new");
     }
-    /// The times of one frame of some cameras.
+    /// The times of some cameras in each frame.
     fn measured(frames: &[&[f64]]) -> DiagnosticsStore {
         let mut diagnostic = Diagnostic::new(TOTAL);
         for (index, cameras) in (0..).zip(frames) {

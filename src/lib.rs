@@ -1,6 +1,6 @@
 //! Ray-traced reflections for the Bevy game engine.
 #![doc = ""]
-// Within the text, so that it is seen wherever the documentation is. It is `assets/images/demo.png`, smaller.
+// Within the text, so that it appears wherever the documentation does. It is a smaller version of `assets/images/demo.png`.
 #![doc = include_str!("picture.md")]
 //!
 //! Add [`RayTracedReflectionsPlugin`] to the app and [`ReflectionQuality`] to a camera:
@@ -20,47 +20,45 @@
 //! ```
 //!
 //! The plugin makes opaque materials deferred, and gives every `Camera3d` the prepasses that draw them
-//! ([`deferred_by_default`](RayTracedReflectionsPlugin::deferred_by_default) says why, and how to keep them forward). The quality writes
-//! [`RayTracedReflections`], the component with all settings, which can be inserted instead.
+//! ([`deferred_by_default`](RayTracedReflectionsPlugin::deferred_by_default) explains why, and how to keep them forward). The quality
+//! writes [`RayTracedReflections`], the component with all settings, which can be inserted instead.
 //!
-//! The [manual] says how it works, which settings to choose, what they cost, what each message of the log means, and how reflections
+//! The [manual] describes how it works, which settings to choose, their cost, the meaning of each log message, and how reflections
 //! combine with the rest of Bevy's renderer.
 //!
 //! # The path of one pixel
 //!
-//! After Bevy's deferred lighting, a compute pass looks at the G-buffer and decides how many rays each tile of the screen deserves.
-//! Another draws a direction from the specular lobe of one pixel of each block and traces a ray against the scene: by ray queries
-//! where the adapter has them, else through a BVH of the crate's own. The surface it hits is shaded with its material, all lights,
-//! shadow rays and the environment. The denoiser lets pixels share rays and accumulates frames. The composite blurs the noise
-//! that is left, multiplies the result with the albedo of the lobe, and adds it to the lit frame in place of the environment map's
-//! specular term.
+//! After Bevy's deferred lighting, a compute pass examines the G-buffer and decides how many rays each tile of the screen gets. Another
+//! samples a direction from the specular lobe of one pixel of each block and traces a ray against the scene: by ray queries if the
+//! adapter supports them, or else through the crate's own BVH. The hit surface is shaded with its material, all lights, shadow rays and
+//! the environment. The denoiser lets pixels share rays and accumulates frames. The composite blurs the remaining noise, multiplies the
+//! result by the albedo of the lobe, and adds it to the lit frame in place of the environment map's specular term.
 //!
 //! # Platforms
 //!
-//! Vulkan, DirectX 12 and Metal, with ray tracing hardware or without, and WebGPU. Elsewhere and in apps
-//! without a renderer the plugin declines: the log and [`ReflectionStatus`] say why, and the picture is the one without
-//! it. Tried so far are Linux with Vulkan, and Chromium with WebGPU on a software adapter.
+//! Vulkan, DirectX 12 and Metal, with or without ray tracing hardware, and WebGPU. On other platforms and in apps without a renderer the
+//! plugin is inactive: the log and [`ReflectionStatus`] contain the reason, and the app renders as without it. Tested so far on Linux
+//! with Vulkan, and in Chromium with WebGPU on a software adapter.
 //!
 //! # Crate features
 //!
-//! | Feature | Brings |
+//! | Feature | Adds |
 //! |---|---|
 //! | `egui` | a settings panel and an options menu |
 //! | `serde` | `Serialize` and `Deserialize` for [`ReflectionQuality`] |
-//! | `hardware-vrs` | a back end that hands shading rates to the rasterizer, on Vulkan |
+//! | `hardware-vrs` | a back end that applies shading rates in the rasterizer, on Vulkan |
 //!
-//! None is on by default.
+//! No feature is on by default.
 //!
 //! # Diagnostics
 //!
-//! With Bevy's `RenderDiagnosticsPlugin` the passes appear as `render/glint/trace/elapsed_gpu`,
-//! `render/glint/composite/elapsed_gpu` and `render/glint/elapsed_gpu` (milliseconds), and the counters as
-//! `render/reflection_rays` and `render/reflection_hits`. Memory of the scene is `glint/scene_bytes`, that of cameras `glint/view_bytes`.
-//! The [list](manual::measurements) has all of them.
+//! With Bevy's `RenderDiagnosticsPlugin` the passes appear as `render/glint/trace/elapsed_gpu`, `render/glint/composite/elapsed_gpu` and
+//! `render/glint/elapsed_gpu` (milliseconds), and the counters as `render/reflection_rays` and `render/reflection_hits`. Memory of the
+//! scene is `glint/scene_bytes`, and memory of cameras is `glint/view_bytes`. The [list](manual::measurements) has all of them.
 
 // docs.rs marks items with the features that they need.
 #![cfg_attr(docsrs, feature(doc_cfg))]
-// A library reports through the log and through types; it neither prints nor panics on what a user gave it.
+// A library reports through the log and through types; it neither prints nor panics on a user's input.
 #![warn(clippy::print_stdout, clippy::print_stderr, clippy::unwrap_used, clippy::expect_used)]
 
 mod auto_quality;
@@ -135,7 +133,7 @@ pub use ui::{ReflectionSettingsPanel, ReflectionSettingsPanelPlugin};
 #[cfg(feature = "hardware-vrs")]
 pub use vrs::{HardwareVrs, HardwareVrsPlugin};
 
-/// Internals for the crate's own tests and tools, behind the hidden feature `internals`. No version keeps them stable.
+/// Internals for the crate's own tests and tools, behind the hidden feature `internals`. They can change in any version.
 #[cfg(feature = "internals")]
 #[doc(hidden)]
 pub mod internals {

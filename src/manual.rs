@@ -1,4 +1,4 @@
-//! The manual. It holds no code: each chapter is a module, and its text a file of `src/manual/`.
+//! The manual. It contains no code: each chapter is a module, and its text is a file of `src/manual/`.
 //!
 #![doc = include_str!("manual/contents.md")]
 
@@ -42,7 +42,7 @@ mod tests {
         include_str!("manual/measurements.md"),
     ];
 
-    /// Text with single spaces, wherever its lines end.
+    /// Text with single spaces instead of line breaks.
     fn flowing(text: &str) -> String {
         text.split_whitespace().collect::<Vec<_>>().join(" ")
     }
@@ -51,8 +51,7 @@ mod tests {
         flowing(&CHAPTERS.join("\n"))
     }
 
-    /// Name and text of all files whose messages reach the log or the status, without their tests. Messages of the
-    /// panel stand on the screen.
+    /// Name and text of all files with messages for the log or the status, without their tests. Messages of the panel are on screen.
     fn sources(folder: &Path, found: &mut Vec<(String, String)>) {
         for entry in fs::read_dir(folder).unwrap() {
             let path = entry.unwrap().path();
@@ -69,7 +68,7 @@ mod tests {
         }
     }
 
-    /// The string literals of Rust code, each with the place where it begins. Raw ones don't count.
+    /// The string literals of Rust code, each with its position. Raw ones don't count.
     fn literals(code: &str) -> Vec<(usize, String)> {
         let mut found = Vec::new();
         let mut characters = code.char_indices().peekable();
@@ -109,7 +108,7 @@ mod tests {
         found
     }
 
-    /// Returns whether a literal is a sentence for users, or a part of one: not a list of names, nor a reason for the compiler.
+    /// Returns whether a literal is a sentence for users, or a part of one. Lists of names and reasons for the compiler aren't.
     fn is_message(before: &str, text: &str) -> bool {
         let words = text.split_whitespace().count();
         let listed = text.split_whitespace().filter(|word| word.ends_with(',')).count();
@@ -117,7 +116,7 @@ mod tests {
         words >= 4 && 2 * listed <= words && !other.iter().any(|end| before.trim_end().ends_with(end))
     }
 
-    /// Returns the parts of a message between its placeholders, as far as they can be recognized.
+    /// Returns the parts of a message between its placeholders, as far as they are recognizable.
     fn parts(message: &str) -> Vec<String> {
         message
             .split('{')

@@ -1,4 +1,4 @@
-//! When the passes of a view run.
+//! Schedules the passes of a view.
 
 use crate::{
     composite::{CompositePipelines, Surfaces, keep_screen},
@@ -36,7 +36,7 @@ impl Plugin for NodePlugin {
     }
 }
 
-/// Rates, rays, denoising and composite of one view. A culled view gets its rates alone, now and then.
+/// Rates, rays, denoising and composite of one view. A culled view only runs its rate pass, now and then.
 fn ray_traced_reflections(
     view: ViewQuery<(PassView, &ViewCulling)>,
     resources: PassResources,
@@ -80,7 +80,7 @@ fn ray_traced_reflections(
     }
 }
 
-/// Copies the light of a view's opaque surfaces, if its rays use it.
+/// Copies the light of a view's opaque surfaces, if its rays reuse it.
 fn keep_screens(
     view: ViewQuery<(PassView, &ViewCulling, Has<MoreMemory>)>,
     resources: PassResources,
@@ -89,7 +89,7 @@ fn keep_screens(
 ) {
     let entity = view.entity();
     let (view, culling, has_front_layer) = view.into_inner();
-    // No ray of a culled view reads it, except those of its front layer.
+    // No ray of a culled view reads it, except for its front layer's rays.
     if view.textures.targets.screen.is_none() || (culling.is_culled() && !has_front_layer) {
         return;
     }

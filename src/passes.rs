@@ -1,4 +1,4 @@
-//! The order of a view's passes, over Bevy's G-buffer or that of its front layer, and the results that are read back.
+//! The order of a view's passes, over Bevy's G-buffer or its front layer's, and the results that are read back.
 
 use crate::{
     common::{HIT_COUNT, MIRROR_RAY_COUNT, RAY_COUNT, TILE_COUNT, word_offset},
@@ -30,7 +30,7 @@ pub(crate) struct PassPipelines<'w> {
 }
 
 impl PassPipelines<'_> {
-    /// The passes; `None` until all pipelines are made.
+    /// The passes; `None` until all pipelines are created.
     pub fn passes<'a>(
         &'a self,
         trace: Option<&'a TracePipelines>,
@@ -51,7 +51,7 @@ pub(crate) struct ViewPasses<'a> {
     rate: &'a RatePipelines,
     trace: &'a TracePipelines,
     denoise: &'a DenoisePipelines,
-    /// `None` if reflections are to be traced and not shown.
+    /// `None` to trace reflections without showing them.
     composite: Option<&'a CompositePipelines>,
     /// Measures each of them, unless only the total counts.
     stages: Option<&'a DiagnosticsRecorder>,
@@ -68,7 +68,7 @@ impl ViewPasses<'_> {
         span.end(ctx.command_encoder());
     }
 
-    /// Traces, denoises, and adds reflections to the frame. Returns whether rays note changes that they meet.
+    /// Traces, denoises, and adds reflections to the frame. Returns whether rays count the changes that they hit.
     pub fn reflect(
         &self,
         ctx: &mut RenderContext,
@@ -90,7 +90,7 @@ impl ViewPasses<'_> {
     }
 }
 
-/// Has the lengths of lists and the number of hits read back.
+/// Requests a readback of the lengths of lists and the number of hits.
 pub(crate) fn record_counters(
     diagnostics: Option<&DiagnosticsRecorder>,
     ctx: &mut RenderContext,

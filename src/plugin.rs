@@ -35,27 +35,25 @@ use bevy::app::{App, Plugin};
 /// [`fallback`](Self::fallback), and the reason is in [`ReflectionStatus`](crate::ReflectionStatus).
 #[derive(Clone, Copy, Debug)]
 pub struct RayTracedReflectionsPlugin {
-    /// Tracer that finds the surfaces that rays hit; fixed for the life of the app. Default: [`ReflectionTracerChoice::Auto`].
+    /// Tracer that finds the surfaces that rays hit; fixed for the lifetime of the app. Default: [`ReflectionTracerChoice::Auto`].
     pub tracer: ReflectionTracerChoice,
-    /// Makes opaque materials deferred, since reflections on deferred surfaces cost the least. Default: true.
+    /// Makes opaque materials deferred, since reflections on deferred surfaces are cheapest. Default: true.
     ///
-    /// The plugin inserts
-    /// [`DefaultOpaqueRendererMethod::deferred()`](bevy::pbr::DefaultOpaqueRendererMethod). The same resource inserted after the plugin
-    /// wins. On a device that can't trace, the app's own method comes back.
+    /// The plugin inserts [`DefaultOpaqueRendererMethod::deferred()`](bevy::pbr::DefaultOpaqueRendererMethod). If the app inserts the
+    /// same resource after the plugin, the app's one wins. On a device that can't trace, the app's method is restored.
     ///
-    /// Bevy draws deferred materials only on cameras with a
-    /// [`DeferredPrepass`](bevy::core_pipeline::prepass::DeferredPrepass). While the method is deferred, every `Camera3d` therefore has
-    /// it, with the `DepthPrepass` and [`Msaa::Off`](bevy::render::view::Msaa), so that cameras without reflections go on showing
-    /// everything. They pay for the G-buffer and lose multisampling.
+    /// Bevy draws deferred materials only on cameras with a [`DeferredPrepass`](bevy::core_pipeline::prepass::DeferredPrepass). While
+    /// the method is deferred, every `Camera3d` therefore has it, with the `DepthPrepass` and [`Msaa::Off`](bevy::render::view::Msaa),
+    /// so that cameras without reflections still show everything. They pay for the G-buffer and lose multisampling.
     ///
-    /// An extended material with a fragment shader of its own and no
-    /// [`deferred_fragment_shader`](bevy::pbr::MaterialExtension::deferred_fragment_shader) stays forward, since the G-buffer would show
-    /// its base alone.
+    /// An extended material with its own fragment shader and no
+    /// [`deferred_fragment_shader`](bevy::pbr::MaterialExtension::deferred_fragment_shader) stays forward, since the G-buffer would only
+    /// show its base.
     ///
-    /// With false, neither materials nor other cameras change. Materials that are drawn forward reflect by
-    /// [`forward`](crate::RayTracedReflections::forward). Others have an
-    /// [`opaque_render_method`](bevy::pbr::StandardMaterial::opaque_render_method) of `Deferred`, and each camera that is to show such
-    /// a material needs these components from the app.
+    /// If false, neither materials nor other cameras change. Materials drawn in the forward pass then reflect with
+    /// [`forward`](crate::RayTracedReflections::forward). Other materials need an
+    /// [`opaque_render_method`](bevy::pbr::StandardMaterial::opaque_render_method) of `Deferred`, and the app must add the above
+    /// components to each camera that shows them.
     pub deferred_by_default: bool,
     /// Reflections on a device that can't trace. Default: [`ReflectionFallback::None`].
     pub fallback: ReflectionFallback,
@@ -82,7 +80,7 @@ impl Plugin for RayTracedReflectionsPlugin {
             BudgetPlugin,
             ReflectionDiagnosticsPlugin,
             SchedulePlugin,
-            // Plugins finish in this order, and those below add systems where this one has found that the device can trace.
+            // Plugins finish in this order. The plugins below only add systems if this one found that the device can trace.
             ProbePlugin { tracer: self.tracer },
         ));
         if self.deferred_by_default {

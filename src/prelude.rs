@@ -1,9 +1,8 @@
-//! Items that most apps need: `use bevy_glint::prelude::*;`. The types of their fields are at the root of the crate,
-//! such as [`ReflectionTechnique`](crate::ReflectionTechnique), [`ReflectionDenoiser`](crate::ReflectionDenoiser) and
+//! Items that most apps need: `use bevy_glint::prelude::*;`. The types of their fields are at the root of the crate, such as
+//! [`ReflectionTechnique`](crate::ReflectionTechnique), [`ReflectionDenoiser`](crate::ReflectionDenoiser) and
 //! [`ShadingRate`](crate::ShadingRate). So are [`named_settings`](crate::named_settings),
 //! [`ReflectionDebugView`](crate::ReflectionDebugView), [`FrontLayerShader`](crate::FrontLayerShader) and
-//! [`ReflectedSurfaceShader`](crate::ReflectedSurfaceShader). Rows of options menus are in `bevy_glint::ui`, with the
-//! feature `egui`.
+//! [`ReflectedSurfaceShader`](crate::ReflectedSurfaceShader). Rows of options menus are in `bevy_glint::ui`, with the feature `egui`.
 
 #[cfg(feature = "hardware-vrs")]
 pub use crate::HardwareVrsPlugin;

@@ -1,4 +1,4 @@
-//! Queries the capabilities of the device at the start, and reports the choices with their reasons.
+//! Queries the capabilities of the device at startup, and reports the choices with their reasons.
 
 use crate::{
     device::{ChosenTracer, FragmentRays, WritesInPlace, adapter_name, choose_tracer, texture_mode, unsupported},
@@ -15,9 +15,9 @@ use bevy::{
     },
 };
 
-/// Chooses the tracer. If nothing can be traced, it says so, and the other plugins add no systems.
+/// Chooses the tracer. If nothing can be traced, it reports that, and the other plugins add no systems.
 ///
-/// It has to be added before all plugins that add systems, since plugins finish in the order in which they were added.
+/// Must be added before all plugins that add systems, since plugins finish in the order in which they were added.
 pub(crate) struct ProbePlugin {
     pub tracer: ReflectionTracerChoice,
 }

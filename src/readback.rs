@@ -1,4 +1,4 @@
-//! Copies of a view's targets for this crate's own tests and tools. No part of the interface that versions keep.
+//! Copies of a view's targets for this crate's own tests and tools. Not covered by semantic versioning.
 
 use crate::{
     scene::environment::{EnvironmentBindings, ViewEnvironment},
@@ -27,17 +27,17 @@ use bevy::{
 pub enum Target {
     /// The rate image.
     Rate,
-    /// Radiance that rays brought.
+    /// Radiance of rays.
     RayRadiance,
-    /// How rays were drawn.
+    /// How rays were sampled.
     RaySample,
     /// Reconstructed and filtered radiance.
     Reconstructed,
-    /// Hit distance and number of rays of the same.
+    /// Hit distance and number of rays of the reconstruction.
     ReconstructedStats,
     /// Accumulated radiance.
     HistoryRadiance,
-    /// Hit distance and variance of the same.
+    /// Hit distance and variance of the history.
     HistoryStats,
     /// Sizes of dispatches and lists.
     IndirectArgs,
@@ -59,7 +59,7 @@ pub struct Copied {
 }
 
 impl Copied {
-    /// The words of a texel inside of [`size`](Self::size).
+    /// The words of a texel inside [`size`](Self::size).
     #[must_use]
     pub fn at(&self, place: UVec2) -> &[u32] {
         let first = (place.y * self.size.x + place.x) as usize * self.texel;
@@ -67,7 +67,7 @@ impl Copied {
     }
 }
 
-/// Names what the render world holds for a camera that reflects; nothing for others.
+/// Names of the render-world resources of a reflecting camera; empty for other cameras.
 #[must_use]
 pub fn render_world_components(app: &App, camera: Entity) -> Vec<&'static str> {
     let view = app.world().get::<RenderEntity>(camera).map(|view| view.id());
@@ -84,7 +84,7 @@ pub fn render_world_components(app: &App, camera: Entity) -> Vec<&'static str> {
         ("reports", world.get::<ViewCulling>(view).is_some()),
         ("environment", world.get::<ViewEnvironment>(view).is_some()),
         ("bind group", bind_group.is_some()),
-        // Views that could reflect have the rest of the hook in Bevy's lighting all the time.
+        // Views that could reflect always have the other components of the hook in Bevy's lighting.
         (
             "pipeline",
             world.get::<ScreenSpaceReflectionsPipelineId>(view).is_some(),
@@ -95,7 +95,7 @@ pub fn render_world_components(app: &App, camera: Entity) -> Vec<&'static str> {
         .collect()
 }
 
-/// The bits by which Bevy chooses pipelines for all that a camera draws; `None` if it draws nothing.
+/// The bits by which Bevy selects pipelines for the objects of a camera; `None` if it draws nothing.
 #[must_use]
 pub fn view_key(app: &App, camera: Entity) -> Option<u64> {
     let view = app.world().get::<RenderEntity>(camera)?.id();

@@ -1,4 +1,4 @@
-//! Which settings have all that they need compiled: a view switches over in one frame, and never too early.
+//! Tracks which settings have all of their pipelines compiled, so that a view switches over in one frame, and never too early.
 
 use crate::{
     composite::CompositePipelines,
@@ -24,11 +24,11 @@ use bevy::{
 };
 use core::{mem, time::Duration};
 
-/// Time for which pipelines of settings that no camera has any more are followed. With less, a camera that is replaced by
-/// another one waits; more follows settings that were tried out.
+/// Time for which pipelines of unused settings are tracked. With a shorter time, a camera that replaces another one has to wait;
+/// a longer one tracks settings that were only tried out.
 const REMEMBERED: Duration = Duration::from_secs(10);
 
-/// Adds the system that asks for pipelines.
+/// Adds the system that requests pipelines.
 pub(crate) struct ReadyPlugin;
 
 impl Plugin for ReadyPlugin {
@@ -42,7 +42,7 @@ impl Plugin for ReadyPlugin {
     }
 }
 
-/// Settings that decide which pipelines a view needs.
+/// Settings that determine the pipelines of a view.
 pub(crate) type PipelineKey = (ReflectionTechnique, [bool; 8], RateVariant, u32);
 
 /// The key of a view's pipelines; other settings can change without a new compilation.
@@ -61,7 +61,7 @@ pub(crate) fn pipeline_key(settings: &ClampedSettings, rate: &RateSettings) -> P
     (settings.technique, flags, rate.variant.clone(), rate.tile_size)
 }
 
-/// Settings that cameras have or had lately, and the format that they draw in.
+/// Settings that cameras have or had lately, and their frame format.
 struct Known {
     settings: ClampedSettings,
     rate: RateSettings,
@@ -74,7 +74,7 @@ struct Known {
     unused: Duration,
 }
 
-/// All such settings, whichever view they belong to: the first frame of a camera shows reflections if another one has shown them.
+/// All such settings, from any view: the first frame of a camera shows reflections if another one has shown them.
 #[derive(Resource, Default)]
 struct KnownSettings(HashMap<PipelineKey, Known>);
 
@@ -96,7 +96,7 @@ impl KnownSettings {
     }
 }
 
-/// Tells which settings views can start with.
+/// Checks which settings views can start with.
 #[derive(SystemParam)]
 pub struct Readiness<'w> {
     known: Res<'w, KnownSettings>,
@@ -104,12 +104,12 @@ pub struct Readiness<'w> {
 }
 
 impl Readiness<'_> {
-    /// Reflections lack nothing because its shader is still being compiled.
+    /// Returns whether reflections are complete, with no shaders of missing features being compiled.
     pub(crate) fn is_complete(&self) -> bool {
         self.trace.as_ref().is_none_or(|trace| trace.is_complete())
     }
 
-    /// All pipelines for such settings were compiled when they were last asked for.
+    /// Returns whether all pipelines for such settings were compiled at the last request.
     pub(crate) fn is_ready(&self, settings: &ClampedSettings, rate: &RateSettings) -> bool {
         let known = self.known.0.get(&pipeline_key(settings, rate));
         known.is_some_and(|known| known.is_ready)
@@ -151,7 +151,7 @@ impl AllPipelines<'_> {
     }
 }
 
-/// Asks for the pipelines of all settings and notes which of them views can start with.
+/// Requests the pipelines of all settings and records which of them views can start with.
 fn request_pipelines(
     wanting: Query<(&WantsReflections, Option<&ExtractedView>)>,
     active: Query<(&ReflectionView, &ExtractedView)>,

@@ -14,7 +14,7 @@ use bevy::{
 
 /// Sets of the crate's systems in the render app, to order systems of an app before or after them.
 ///
-/// They are empty where the device can't trace rays.
+/// They are empty if the device can't trace rays.
 ///
 /// ```
 /// # use bevy::{prelude::*, core_pipeline::schedule::Core3d, render::RenderApp};
@@ -29,18 +29,18 @@ use bevy::{
 #[derive(SystemSet, Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[non_exhaustive]
 pub enum ReflectionSystems {
-    /// In `ExtractSchedule`: mirrors objects, meshes, materials, lights and environments, while any camera reflects.
+    /// In `ExtractSchedule`: extracts objects, meshes, materials, lights and environments, while any camera reflects.
     ExtractScene,
     /// In `ExtractSchedule`, after [`ExtractScene`](Self::ExtractScene): reads the settings of cameras.
     ExtractCameras,
-    /// In `Render`, within [`PrepareResources`](RenderSystems::PrepareResources): brings the scene that rays hit up to date.
+    /// In `Render`, within [`PrepareResources`](RenderSystems::PrepareResources): updates the scene for rays.
     PrepareScene,
-    /// In `Render`, within [`PrepareResourcesFlush`](RenderSystems::PrepareResourcesFlush): notes which pipelines cameras need, and
+    /// In `Render`, within [`PrepareResourcesFlush`](RenderSystems::PrepareResourcesFlush): records which pipelines cameras need, and
     /// which cameras have all of theirs.
     RequestPipelines,
-    /// In `Render`, after [`RequestPipelines`](Self::RequestPipelines): has pipelines compiled.
+    /// In `Render`, after [`RequestPipelines`](Self::RequestPipelines): queues pipelines for compilation.
     QueuePipelines,
-    /// In `Render`, after [`QueuePipelines`](Self::QueuePipelines): makes textures and uniforms of views.
+    /// In `Render`, after [`QueuePipelines`](Self::QueuePipelines): creates textures and uniforms of views.
     PrepareViews,
     /// In `Render`, within [`PrepareBindGroups`](RenderSystems::PrepareBindGroups).
     PrepareBindGroups,
@@ -48,16 +48,16 @@ pub enum ReflectionSystems {
     /// denoises, and adds reflections to the frame.
     Passes,
     /// In `Core3d`, within [`MainPass`](Core3dSystems::MainPass), after the opaque forward pass and before transmissive and transparent
-    /// ones: keeps what cameras with [`ScreenTraces`](crate::ScreenTraces) show.
+    /// ones: copies the frames of cameras with [`ScreenTraces`](crate::ScreenTraces).
     KeepScreens,
     /// In `Core3d`, within [`MainPass`](Core3dSystems::MainPass), after the transparent pass and before volumetric fog, wireframes and
-    /// post-processing: the same as [`Passes`](Self::Passes) for transparent surfaces.
+    /// post-processing: runs the passes for transparent surfaces, like [`Passes`](Self::Passes) for opaque ones.
     FrontLayerPasses,
     /// In `Core3d`, after [`MainPass`](Core3dSystems::MainPass), before wireframes and post-processing: draws debug views.
     DebugViews,
 }
 
-/// Puts the sets into the schedules.
+/// Adds the sets to the schedules.
 pub(crate) struct SchedulePlugin;
 
 impl Plugin for SchedulePlugin {
@@ -74,8 +74,8 @@ impl Plugin for SchedulePlugin {
                 Render,
                 (
                     ReflectionSystems::PrepareScene.in_set(RenderSystems::PrepareResources),
-                    // After the scene is up to date, since definitions of shaders follow it, and after the sets in which ambient
-                    // occlusion and light probes of views are prepared.
+                    // Runs after the scene is updated, since shader definitions depend on it, and after ambient occlusion and light
+                    // probes of views are prepared.
                     (
                         ReflectionSystems::RequestPipelines,
                         ReflectionSystems::QueuePipelines,
@@ -89,25 +89,25 @@ impl Plugin for SchedulePlugin {
             .configure_sets(
                 Core3d,
                 (
-                    // Deferred lighting has left out the environment's specular term. Forward and transparent surfaces come later,
-                    // since they would hide what is added or be hidden by it.
+                    // Deferred lighting has omitted the environment's specular term. Forward and transparent surfaces are drawn later,
+                    // since they would hide the added light or be hidden by it.
                     ReflectionSystems::Passes
                         .after(deferred_lighting)
                         .before(main_opaque_pass_3d)
                         .in_set(Core3dSystems::MainPass),
-                    // Surfaces that are blended over opaque ones aren't where those are.
+                    // Surfaces blended over opaque ones have different positions.
                     ReflectionSystems::KeepScreens
                         .after(main_opaque_pass_3d)
                         .before(main_transmissive_pass_3d)
                         .before(main_transparent_pass_3d)
                         .in_set(Core3dSystems::MainPass),
-                    // Over all that the main pass draws, and under volumetric fog, which comes after it: reflections are fogged as
-                    // their surfaces are.
+                    // Runs after everything that the main pass draws, and before volumetric fog: reflections get the same fog as their
+                    // surfaces.
                     ReflectionSystems::FrontLayerPasses
                         .after(main_transparent_pass_3d)
                         .after(oit_resolve)
                         .in_set(Core3dSystems::MainPass),
-                    // Under wireframes.
+                    // Drawn below wireframes.
                     ReflectionSystems::DebugViews
                         .after(Core3dSystems::MainPass)
                         .before(wireframe_3d)

@@ -1,4 +1,4 @@
-//! The report of what the crate does on this machine, and why not more.
+//! The report of the crate's state on this machine, and the reasons for it.
 
 use crate::{
     device::{HardwareVrsSupport, ReflectionTextureMode, ReflectionTracer},
@@ -12,18 +12,18 @@ use bevy::{
 use core::fmt;
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// Textures and buffers that one camera's reflections own.
+/// Textures and buffers of one camera's reflections.
 #[derive(Reflect, Clone, Debug, PartialEq, Eq)]
 #[reflect(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub struct ReflectionViewMemory {
     /// The camera.
     pub camera: Entity,
-    /// Pixels that it renders.
+    /// Number of pixels that it renders.
     pub pixels: u64,
-    /// Label and bytes of each texture and buffer; what a driver adds for alignment is not counted.
+    /// Label and bytes of each texture and buffer, without a driver's alignment.
     pub parts: Vec<(&'static str, u64)>,
-    /// Bytes of the parts that reflections on glass and water take; 0 where none have been on the screen lately.
+    /// Bytes for reflections on glass and water; 0 if none have been on screen lately.
     pub front_layer_bytes: u64,
 }
 
@@ -35,81 +35,81 @@ impl ReflectionViewMemory {
     }
 }
 
-/// A snapshot of what the crate does on this machine.
+/// A snapshot of the crate's state on this machine.
 ///
-/// As a resource of the main world it is brought up to date in [`First`], and counts as changed only in frames in which something in it is
-/// another: run conditions such as `resource_changed::<ReflectionStatusReport>` work. Without pipelined rendering it is that of the last
-/// frame, with it that of one of the last two. [`ReflectionStatus::report`] is never older than the resource.
+/// As a resource of the main world it is updated in [`First`]. It only counts as changed in frames in which some field differs, so run
+/// conditions such as `resource_changed::<ReflectionStatusReport>` work. Without pipelined rendering it describes the last frame, with it
+/// one of the last two. [`ReflectionStatus::report`] is never older than the resource.
 #[derive(Resource, Reflect, Clone, Debug, Default, PartialEq)]
 #[reflect(Resource, Default, Debug, Clone, PartialEq)]
 pub struct ReflectionStatusReport {
     /// Name and driver of the adapter; empty until the renderer has started.
     pub adapter: String,
-    /// The active tracer; `None` where reflections are off for all cameras.
+    /// The active tracer; `None` if reflections are off for all cameras.
     pub tracer: Option<ReflectionTracer>,
     /// How material textures are bound; `None` until the renderer has started.
     pub textures: Option<ReflectionTextureMode>,
     /// Availability of the hardware back end.
     pub hardware_vrs: HardwareVrsSupport,
-    /// Cameras that reflect, each with its active back end: [`ReflectionBackend::HardwareVrs`], or [`ReflectionBackend::Compute`]
-    /// for all else.
+    /// Cameras that reflect, each with its active back end: [`ReflectionBackend::HardwareVrs`], or [`ReflectionBackend::Compute`] in all
+    /// other cases.
     pub active_backends: Vec<(Entity, ReflectionBackend)>,
-    /// Cameras that ask for reflections and get none, each with the reason and its remedy. If nothing can be traced at
-    /// all, `tracer` is `None`, and [`reasons`](Self::reasons) says why.
+    /// Cameras with the component but without reflections, each with the reason and its remedy. If nothing can be traced at all, `tracer`
+    /// is `None`, and [`reasons`](Self::reasons) contains the reason.
     pub declined: Vec<(Entity, &'static str)>,
-    /// Cameras that see nothing to reflect on: only their rate pass runs, in every second frame.
+    /// Cameras without reflective surfaces in view: only their rate pass runs, in every second frame.
     pub culled_views: usize,
-    /// GPU memory that each camera's reflections own.
+    /// GPU memory of each camera's reflections.
     pub view_memory: Vec<ReflectionViewMemory>,
-    /// Why something better isn't active, in whole sentences.
+    /// The reasons why something better isn't active, in whole sentences.
     pub reasons: Vec<String>,
-    /// Meshes whose acceleration structure is being built; they are absent from reflections until then.
+    /// Meshes with an acceleration structure in progress; they are missing from reflections until then.
     pub meshes_pending: usize,
-    /// Meshes that are absent from reflections, since the device has no room for them: all meshes share the largest buffer that it can
-    /// bind (`max_storage_buffer_binding_size`). They appear once others are gone. One that has outgrown its room shows its last version.
+    /// Meshes that are missing from reflections because they don't fit: all meshes share the largest buffer that the device can bind
+    /// (`max_storage_buffer_binding_size`). They appear once others are removed. A mesh that has outgrown its space shows its last version.
     pub meshes_without_room: usize,
     /// Meshes that rays can hit.
     pub meshes: usize,
     /// Objects that rays can hit.
     pub instances: usize,
-    /// Objects that are missing from reflections because rays don't know their material type, each type with its number of objects.
+    /// Objects that are missing from reflections because rays don't support their material type, each type with its number of objects.
     pub unseen: Vec<(String, usize)>,
     /// Skinned and morphed objects that reflections show in their pose; each has a copy of its mesh.
     pub posed_instances: usize,
     /// Triangles of all meshes, each mesh counted once.
     pub triangles: u64,
-    /// Bytes of GPU memory of the scene that rays hit.
+    /// GPU memory of the scene in bytes.
     pub scene_bytes: u64,
-    /// Objects at rest that the BVH tracer has merged into trees in world space.
+    /// Static objects that the BVH tracer has merged into trees in world space.
     pub merged_instances: usize,
     /// Triangles of these trees.
     pub merged_triangles: u64,
-    /// Without further changes, more will be merged, or the tree over static objects is being built; nothing is missing from reflections
-    /// meanwhile.
+    /// Without further changes, more objects will be merged, or the tree over static objects is being built; nothing is missing from
+    /// reflections meanwhile.
     pub merges_pending: bool,
-    /// Without further changes, cut-out objects will get opacity micromaps, which make the BVH tracer faster and change no picture.
+    /// Without further changes, cut-out objects will get opacity micromaps, which make the BVH tracer faster and don't change the image.
     pub micromaps_pending: bool,
-    /// Times that the micromaps of a mesh and a material were made since the start.
+    /// Number of micromap builds, one per mesh and material, since the start.
     pub micromap_builds: u64,
-    /// Merged trees built since the start.
+    /// Number of merged trees built since the start.
     pub merge_builds: u64,
-    /// CPU milliseconds that building them took.
+    /// CPU milliseconds for building them.
     pub merge_build_ms: f32,
-    /// Acceleration structures of meshes built since the start.
+    /// Number of acceleration structures of meshes built since the start.
     pub blas_builds: u64,
-    /// Top-level acceleration structures built since the start.
+    /// Number of top-level acceleration structures built since the start.
     pub tlas_builds: u64,
-    /// CPU milliseconds that the last top-level build took.
+    /// CPU milliseconds of the last top-level build.
     pub tlas_build_ms: f32,
-    /// CPU milliseconds (summed over threads) that all mesh builds took.
+    /// CPU milliseconds (summed over threads) of all mesh builds.
     pub blas_build_ms: f32,
-    /// The pipelines of all techniques in use are compiled, for all features that the scene has (light probes, lightmaps, fog, ...). While
-    /// the shader of a new feature is compiled, reflections go on without that feature, and this is false.
+    /// The pipelines of all techniques in use are compiled, for all features of the scene (light probes, lightmaps, fog, ...). While the
+    /// shader of a new feature is compiled, reflections continue without that feature, and this is false.
     pub ready: bool,
 }
 
 impl ReflectionStatusReport {
-    /// No rays are in any picture: what is on the screen doesn't reflect.
+    /// Returns whether no frame contains rays, because nothing reflective is on screen.
     pub(crate) fn traces_nothing(&self) -> bool {
         self.culled_views >= self.active_backends.len()
     }
@@ -133,22 +133,22 @@ impl fmt::Display for ReflectionStatusReport {
     }
 }
 
-/// The crate's status, readable from any system of the main world. It is written by the render world and may lag by a frame.
+/// The crate's status, readable from any system of the main world. The render world writes it, and it can lag by a frame.
 ///
-/// By reflection it is opaque, since it is shared with the render world. The resource [`ReflectionStatusReport`] is not, and has change
-/// detection.
+/// For Bevy's reflection it is opaque, since it is shared with the render world. The resource [`ReflectionStatusReport`] isn't, and has
+/// change detection.
 #[derive(Resource, Reflect, Clone, Debug, Default)]
 #[reflect(opaque)]
 #[reflect(Resource, Default, Debug, Clone)]
 pub struct ReflectionStatus(Arc<Mutex<ReflectionStatusReport>>);
 
 impl ReflectionStatus {
-    /// A copy of the present status.
+    /// Returns a copy of the current status.
     pub fn report(&self) -> ReflectionStatusReport {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
-    /// Looks at the present status without a copy.
+    /// Reads the current status without a copy.
     pub(crate) fn read<T>(&self, look: impl FnOnce(&ReflectionStatusReport) -> T) -> T {
         look(&self.0.lock().unwrap_or_else(PoisonError::into_inner))
     }
@@ -158,7 +158,7 @@ impl ReflectionStatus {
     }
 }
 
-/// Registers the report and makes it.
+/// Registers and creates the report.
 pub(crate) struct StatusPlugin;
 
 impl Plugin for StatusPlugin {

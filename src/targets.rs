@@ -1,7 +1,7 @@
-//! Every texture and buffer that a reflecting view owns on the GPU, with format and meaning.
+//! Every texture and buffer of a reflecting view on the GPU, with format and meaning.
 //!
-//! *Full* is one texel per pixel of the view, *trace* one per trace pixel (see [`ReflectionTechnique`]), *tile* one per tile of
-//! the rate image. Only what the view's settings use is created.
+//! *Full* is one texel per pixel of the view, *trace* one per trace pixel (see [`ReflectionTechnique`]), *tile* one per tile of the rate
+//! image. Only resources that the view's settings use are created.
 
 use crate::{
     common::{COUNTER_WORDS, INDIRECT_ARG_WORDS, word_offset},
@@ -19,32 +19,31 @@ use bevy::{
 };
 use core::mem::take;
 
-/// One texel per tile: `rate/codes.wesl` says what its bits mean.
+/// One texel per tile: `rate/codes.wesl` documents its bits.
 pub const RATE_FORMAT: TextureFormat = TextureFormat::R32Uint;
 /// Result of a ray: exposed radiance, and the distance of the hit in metres (at most 60,000, which also marks a miss).
 pub const RAY_RADIANCE_FORMAT: TextureFormat = TextureFormat::Rgba16Float;
-/// How the ray was drawn: direction, inverse pdf, chosen pixel; see `trace/record.wesl`.
+/// How the ray was sampled: direction, inverse pdf, chosen pixel; see `trace/record.wesl`.
 pub const RAY_SAMPLE_FORMAT: TextureFormat = TextureFormat::Rgba32Uint;
-/// Exposed radiance of the lobe divided by the lobe's albedo. The meaning of alpha is said where the texture is
-/// declared.
+/// Exposed radiance of the lobe divided by the lobe's albedo. Alpha is documented at the declaration of each texture.
 pub const RADIANCE_FORMAT: TextureFormat = TextureFormat::Rgba16Float;
-/// Two halves: see where the texture is declared.
+/// Two halves, documented at the declaration of each texture.
 pub const STATS_FORMAT: TextureFormat = TextureFormat::R32Uint;
-/// Two words that tell a surface from others: see where the texture is declared.
+/// Two words that identify a surface, documented at the declaration of the texture.
 pub const HISTORY_SURFACE_FORMAT: TextureFormat = TextureFormat::Rg32Uint;
-/// A quarter of what a ray hit: `trace/hit.wesl`.
+/// A quarter of a ray's hit: `trace/hit.wesl`.
 pub const HIT_FORMAT: TextureFormat = HISTORY_SURFACE_FORMAT;
 /// Mean radiance over frames; alpha is the number of frames.
 pub const ACCUMULATION_FORMAT: TextureFormat = TextureFormat::Rgba32Float;
 /// Radiance that the composite adds to the lit frame.
 pub const REFLECTION_FORMAT: TextureFormat = TextureFormat::Rgba16Float;
-/// The picture for rays that reuse it: exposed light, and the distance from the viewer in metres (at most 60,000; 0 is the sky).
+/// The frame for rays that reuse it: exposed light, and the distance from the viewer in metres (at most 60,000; 0 is the sky).
 pub const SCREEN_FORMAT: TextureFormat = TextureFormat::Rgba16Float;
 
-/// Trace pixels of a view in each direction, at most: a block of the ray list has so many bits for its place.
+/// Maximum number of trace pixels of a view in each direction: limited by the bits for a block's position in the ray list.
 pub const LARGEST_TRACE_SIZE: u32 = 1 << 13;
 
-/// How large everything is.
+/// Sizes of a view's resources.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Sizes {
     /// Pixels of the view.
@@ -72,23 +71,23 @@ impl Sizes {
     }
 }
 
-/// Which of the textures exist.
+/// The textures that exist.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Needs {
     pub accumulation: bool,
     pub pipeline: bool,
     pub temporal: bool,
     pub mirrors: bool,
-    /// The reconstruction is a pass of its own.
+    /// The reconstruction is a separate pass.
     pub reconstructed: bool,
     pub reflection: bool,
     pub screen: bool,
-    /// A view may lie in a part of them: none is drawn into, and all that outlives a frame is a history that is reprojected.
+    /// A view can occupy a part of them: no textures are drawn into, and only a reprojected history outlives a frame.
     pub in_parts: bool,
 }
 
 impl Needs {
-    /// `in_place`: the composite writes into the frame itself.
+    /// `in_place` is true if the composite writes directly to the frame.
     pub fn new(settings: &ClampedSettings, in_place: bool) -> Self {
         let accumulation = settings.technique == ReflectionTechnique::Converged;
         let is_drawn = settings.technique == ReflectionTechnique::QuarterInline
@@ -106,25 +105,25 @@ impl Needs {
     }
 }
 
-/// GPU resources of a view. They are kept as long as the view reflects, its needs stay the same and they have room for its size.
+/// GPU resources of a view. They are kept as long as the view reflects, its needs stay the same and its size fits.
 pub struct Targets {
     pub sizes: Sizes,
-    /// Pixels for which there is room.
+    /// Maximum size in pixels.
     capacity: UVec2,
     pub needs: Needs,
-    /// All that was created: the label of each texture or buffer, and its bytes.
+    /// All created resources: the label of each texture or buffer, and its bytes.
     pub memory: Vec<(&'static str, u64)>,
     /// Sizes of indirect dispatches and lengths of their lists, cleared each frame: `common/lists.rs`.
     pub indirect_args: Buffer,
-    /// Counters of passes, cleared each frame: `common/lists.rs`. Apart from the indirect arguments, since a dispatch can't write to
-    /// the buffer that it takes its size from.
+    /// Counters of passes, cleared each frame: `common/lists.rs`. Separate from the indirect arguments, since a dispatch can't write to
+    /// the buffer that contains its size.
     pub counters: Buffer,
-    /// Radiance that the composite adds (full); exists only if the composite can't write into the frame itself.
+    /// Radiance that the composite adds (full); exists only if the composite can't write directly to the frame.
     pub reflection: Option<TextureView>,
     /// Ping-pong pair (full), only for the technique `Converged`.
     pub accumulation: Option<[TextureView; 2]>,
-    /// [`SCREEN_FORMAT`] (full), only with [`ScreenTraces`](crate::ScreenTraces): what the camera showed in the last frame,
-    /// and from the opaque pass on, in this one.
+    /// [`SCREEN_FORMAT`] (full), only with [`ScreenTraces`](crate::ScreenTraces): the camera's last frame, and after the opaque pass, the
+    /// current one.
     pub screen: Option<TextureView>,
     /// Everything between the rate image and the composite.
     pub pipeline: Option<PipelineTargets>,
@@ -132,11 +131,11 @@ pub struct Targets {
 
 /// Textures of the variable-rate pipeline.
 pub struct PipelineTargets {
-    /// [`RATE_FORMAT`] (tile): of this frame in `[write_index]`, of the last in `[1 - write_index]`.
+    /// [`RATE_FORMAT`] (tile): this frame's in `[write_index]`, the last frame's in `[1 - write_index]`.
     pub rate: [TextureView; 2],
     /// Blocks of trace pixels that get a ray, one word each: see `rate/codes.wesl`.
     pub ray_list: Buffer,
-    /// Mirror pixels of the full resolution that get a ray of their own, `x | y << 16`. A single word without such rays.
+    /// Full-resolution mirror pixels that get a ray of their own, `x | y << 16`. A single word without such rays.
     pub mirror_ray_list: Buffer,
     /// Active tiles, `x | y << 16`.
     pub tile_list: Buffer,
@@ -144,28 +143,28 @@ pub struct PipelineTargets {
     pub ray_radiance: TextureView,
     /// [`RAY_SAMPLE_FORMAT`] (trace).
     pub ray_sample: TextureView,
-    /// [`HIT_FORMAT`] (twice as large as trace): exists only where no other texture can hold it, see [`Self::hits`].
+    /// [`HIT_FORMAT`] (twice as large as trace): exists only if no other texture can store it, see [`Self::hits`].
     own_hits: Option<TextureView>,
     /// [`RADIANCE_FORMAT`] (full): the reconstructed radiance; alpha is the relative variance of its mean. Mirror rays write their
-    /// radiance here, too: see [`Self::mirror_radiance`]. Absent where one pass reconstructs and accumulates.
+    /// radiance here, too: see [`Self::mirror_radiance`]. Absent if one pass reconstructs and accumulates.
     pub reconstructed: Option<TextureView>,
-    /// [`STATS_FORMAT`] (full): `pack2x16float(hit distance, 16 w / (1 + w))`, with the mean weight w of the rays, 1 where it is as
-    /// expected; 0 where nothing reflects.
+    /// [`STATS_FORMAT`] (full): `pack2x16float(hit distance, 16 w / (1 + w))`, with the mean weight w of the rays, which is 1 if it is as
+    /// expected; 0 if nothing reflects.
     pub reconstructed_stats: Option<TextureView>,
     /// Textures that outlive the frame; absent without temporal accumulation.
     pub history: Option<HistoryTargets>,
 }
 
 impl PipelineTargets {
-    /// Texture in which tracing leaves to shading what rays hit: the surfaces of the history that this frame writes later, if it has
-    /// four pixels for each trace pixel.
+    /// Texture for passing hits from tracing to shading: the surfaces of the history that this frame writes later, if it has four pixels
+    /// for each trace pixel.
     pub fn hits(&self, write_index: usize) -> Option<&TextureView> {
         let unused = || self.history.as_ref().map(|history| &history.surface[write_index]);
         self.own_hits.as_ref().or_else(unused)
     }
 
-    /// Texture into which mirror rays write their radiance: the reconstruction, or the history of this frame where there is none. They bypass
-    /// the denoiser, whose passes leave their pixels unchanged.
+    /// Texture into which mirror rays write their radiance: the reconstruction, or this frame's history if there is no reconstruction.
+    /// They bypass the denoiser, whose passes leave their pixels unchanged.
     pub fn mirror_radiance(&self, write_index: usize) -> Option<&TextureView> {
         let history = || self.history.as_ref().map(|history| &history.radiance[write_index]);
         self.reconstructed.as_ref().or_else(history)
@@ -184,13 +183,12 @@ pub struct HistoryTargets {
     pub radiance: [TextureView; 2],
     /// [`STATS_FORMAT`] (full): `pack2x16float(hit distance, relative variance of one frame's samples)`.
     pub stats: [TextureView; 2],
-    /// [`HISTORY_SURFACE_FORMAT`] (full): `pack2x16float(distance from the viewer in metres, mean Y of the last frames)`, 0 where nothing
-    /// reflects; geometric normal as `pack2x16snorm` of its octahedral map with the lowest 8 bits of the word replaced by the
-    /// roughness.
+    /// [`HISTORY_SURFACE_FORMAT`] (full): `pack2x16float(distance from the viewer in metres, mean Y of the last frames)`, 0 if nothing
+    /// reflects; geometric normal as `pack2x16snorm` of its octahedral map with the lowest 8 bits of the word replaced by the roughness.
     pub surface: [TextureView; 2],
 }
 
-/// A texture of one level that shaders read, and its bytes.
+/// A texture with one mip level for shaders, and its bytes.
 pub(crate) fn create_texture(
     device: &RenderDevice,
     size: UVec2,
@@ -251,10 +249,10 @@ impl Creator<'_> {
     }
 }
 
-/// Sizes of the textures of a view that may have up to `capacity` pixels later.
+/// Sizes of the textures of a view that can grow to `capacity` pixels later.
 fn room_for(sizes: Sizes, capacity: UVec2, needs: Needs) -> Sizes {
     let full = if needs.in_parts {
-        // Then all trace pixels are whole.
+        // In this case, all trace pixels are whole.
         sizes.trace_scale
             * capacity
                 .max(sizes.full)
@@ -266,20 +264,19 @@ fn room_for(sizes: Sizes, capacity: UVec2, needs: Needs) -> Sizes {
 }
 
 impl Targets {
-    /// Pixels for which there is room.
+    /// Maximum size in pixels.
     pub fn capacity(&self) -> UVec2 {
         self.capacity
     }
 
-    /// Returns whether a view of another size may take them: if they have room for it, and it leaves less than three quarters of them
-    /// unused.
+    /// Returns whether a view of another size can use them: it must fit and leave less than three quarters of them unused.
     pub fn can_hold(&self, sizes: Sizes) -> bool {
         let is_same_kind = (sizes.trace_scale, sizes.tile) == (self.sizes.trace_scale, self.sizes.tile);
         let fits = sizes.full.cmple(self.capacity).all() && (2 * sizes.full).cmpge(self.capacity).all();
         sizes == self.sizes || (self.needs.in_parts && is_same_kind && fits)
     }
 
-    /// For a view that may have up to `capacity` pixels later, if it may lie in a part of them.
+    /// For a view that can grow to `capacity` pixels later, if it can occupy a part of them.
     pub fn new(device: &RenderDevice, sizes: Sizes, capacity: UVec2, needs: Needs) -> Self {
         let room = room_for(sizes, capacity, needs);
         let create = &mut Creator {

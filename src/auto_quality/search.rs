@@ -7,44 +7,44 @@ use crate::{
 use core::time::Duration;
 use wgpu::DeviceType;
 
-/// Frames of a complete picture before times count: those of the quality before arrive until then. Fewer mix both, and more
-/// make trials longer.
+/// Number of complete frames before times count: until then, times of the previous quality arrive. A lower number mixes both; a
+/// higher one makes trials longer.
 const LATENCY: u32 = 12;
-/// Measurements of which the median counts. Fewer follow noise, and more make trials longer.
+/// Number of measurements for a median. A lower number follows noise; a higher one makes trials longer.
 const WINDOW: usize = 24;
-/// Share of the target up to which the next better quality is tried. With less, a machine that could do more stays below it; with
-/// more, players see trials that fail.
+/// Fraction of the target up to which the next better quality is tried. With a lower value, a machine that could do more stays below
+/// it; with a higher one, players see failed trials.
 const ROOM: f32 = 0.75;
-/// Multiple of the target beyond which even `Low` is too slow: the least effort of a budget is a quarter by default. Less switches
-/// reflections off on machines where a budget would do, and more leaves slow ones slow.
+/// Multiple of the target beyond which even `Low` is too slow: the minimum effort of a budget is a quarter by default. A lower value
+/// switches reflections off on machines for which a budget would suffice; a higher one leaves slow machines slow.
 const TOO_SLOW: f32 = 4.0;
-/// Frames of a complete picture without times after which there won't be any. With fewer, a device that is only busy is given up;
-/// more delay the answer.
+/// Number of complete frames without times after which none are expected. A lower number gives up on a device that is only busy; a
+/// higher one delays the answer.
 const NO_TIMES: u32 = 120;
-/// Time for one trial: for compiling, arriving meshes and measurements. With less, the first guess stays on slow machines; with more,
-/// a camera that shows nothing delays the answer.
+/// Maximum time of a trial, including compilation, loading meshes and measurements. With a lower value, slow machines keep the first
+/// guess; with a higher one, a camera that shows nothing delays the answer.
 const PATIENCE: Duration = Duration::from_secs(60);
-/// Time after which meshes that are still on their way no longer put measurements off: in a world that streams, or with a mesh
-/// that changes in each frame, some always are. With less, a level that loads is measured too early; more delays the answer there.
+/// Time after which pending meshes no longer delay measurements: in a world that streams, or with a mesh that changes in each frame,
+/// some are always pending. A lower value measures a loading level too early; a higher one delays the answer there.
 const ARRIVAL: Duration = Duration::from_secs(5);
-/// Most that a frame counts. Longer ones are those of an app in the background, or of a machine that slept.
+/// Maximum time that a frame counts. Longer frames belong to an app in the background, or a machine that slept.
 const LONGEST_FRAME: Duration = Duration::from_secs(5);
 
-/// The quality to begin with. Too low a guess costs a trial, and too high a one costs slow frames.
+/// The first quality. A guess that is too low costs a trial, and one that is too high costs slow frames.
 pub(super) fn guess(adapter: Option<DeviceType>, tracer: Option<ReflectionTracer>) -> ReflectionQuality {
     match (adapter, tracer) {
         (Some(DeviceType::DiscreteGpu), Some(ReflectionTracer::RayQuery)) => ReflectionQuality::High,
         (Some(DeviceType::DiscreteGpu), _) => ReflectionQuality::Medium,
-        // Browsers don't tell their adapter's kind.
+        // Browsers don't report the kind of their adapter.
         _ => ReflectionQuality::Low,
     }
 }
 
 /// A frame of a search.
 pub(super) struct Frame {
-    /// The reflections of the camera are in its picture.
+    /// The camera's frame contains its reflections.
     pub reflects: bool,
-    /// All meshes are there.
+    /// No meshes are pending.
     pub has_meshes: bool,
     /// A new measurement in milliseconds.
     pub time: Option<f32>,
@@ -61,12 +61,12 @@ pub(super) enum Decision {
     Choose(ReflectionQuality, Option<f32>),
 }
 
-/// The search for the quality of one camera. Its trials go one way, better or worse, and turn back once at most.
+/// The search for the quality of one camera. Its trials go in one direction, better or worse, and turn back at most once.
 pub(super) struct Search {
     settings: ReflectionAutoQuality,
-    /// The quality on trial.
+    /// The quality being tried.
     pub quality: ReflectionQuality,
-    /// The best quality that was measured and is fast enough.
+    /// The best measured quality that is fast enough.
     fits: Option<(ReflectionQuality, f32)>,
     /// A better quality was too slow.
     has_fallen: bool,
@@ -75,9 +75,9 @@ pub(super) struct Search {
     skip: u32,
     /// Frames without a time.
     without_time: u32,
-    /// Time of the trial.
+    /// Duration of the trial.
     elapsed: Duration,
-    /// Time for which meshes have been on their way, in all.
+    /// Total time with pending meshes.
     arriving: Duration,
 }
 
@@ -134,7 +134,7 @@ impl Search {
         }
     }
 
-    /// Frames that should have had times had none.
+    /// Returns whether times are missing for frames that should have them.
     pub fn lacks_times(&self) -> bool {
         self.without_time >= NO_TIMES
     }
@@ -144,7 +144,7 @@ impl Search {
         self.times.get(self.times.len() / 2).copied()
     }
 
-    /// Decides by the time of the quality on trial.
+    /// Decides by the time of the quality being tried.
     fn judge(&mut self, time: f32) -> Decision {
         let target = self.settings.milliseconds;
         let neighbour = |step: isize| {
@@ -200,7 +200,7 @@ mod tests {
     ) -> (Vec<ReflectionQuality>, ReflectionQuality, Option<f32>) {
         let mut search = Search::new(settings, guess);
         let mut tried = vec![search.quality];
-        // Trials of four qualities, each with its time to come.
+        // Enough frames for trials of four qualities, including the latency of their times.
         for frame in 0..4 * (2 * LATENCY as usize + WINDOW) {
             let noise = if frame.is_multiple_of(5) { 8.0 } else { 1.0 };
             let time = times[(search.quality as usize).saturating_sub(1)] * noise;
@@ -244,7 +244,7 @@ mod tests {
     #[test]
     fn times_move_the_guess() {
         let auto = ReflectionAutoQuality::default();
-        // All is fast: as good as allowed.
+        // Everything is fast: the best allowed quality.
         assert_eq!(
             search(auto, Low, [0.4, 0.6, 0.8, 2.4]),
             (vec![Low, Medium, High], High, Some(0.8))
@@ -254,7 +254,7 @@ mod tests {
             search(ultra, High, [0.4, 0.6, 0.8, 1.9]),
             (vec![High, Ultra], Ultra, Some(1.9))
         );
-        // A trial that fails is taken back, and what has no room is not tried.
+        // A failed trial is reverted, and qualities beyond the limit are not tried.
         assert_eq!(
             search(ultra, High, [0.4, 0.6, 0.8, 2.4]),
             (vec![High, Ultra], High, Some(0.8))
@@ -263,7 +263,7 @@ mod tests {
             search(auto, Medium, [1.4, 1.8, 1.9, 5.0]),
             (vec![Medium], Medium, Some(1.8))
         );
-        // Too slow: as good as the target allows, and not better again.
+        // Too slow: the best quality within the target, without going up again.
         assert_eq!(
             search(auto, High, [1.2, 2.1, 2.3, 5.0]),
             (vec![High, Medium, Low], Low, Some(1.2))
@@ -292,7 +292,7 @@ mod tests {
             search(within(High, Ultra), Low, [1.9; 4]),
             (vec![High], High, Some(1.9))
         );
-        // The best counts where they contradict each other.
+        // If the limits contradict each other, `best` wins.
         assert_eq!(search(within(Ultra, Low), High, [9.0; 4]), (vec![Low], Low, Some(9.0)));
         assert_eq!(search(within(Off, Off), High, [0.1; 4]), (vec![Off], Off, None));
         let odd = ReflectionAutoQuality {
@@ -302,7 +302,7 @@ mod tests {
         assert_eq!(search(odd, Medium, [0.5, 1.9, 5.0, 5.0]).1, Medium);
     }
 
-    /// The decision after some frames, all alike.
+    /// The decision after a number of identical frames.
     fn after(frames: u32, frame: &Frame) -> Decision {
         let mut search = Search::new(ReflectionAutoQuality::default(), Medium);
         for _ in 1..frames {
@@ -320,15 +320,15 @@ mod tests {
             delta: Duration::from_millis(1),
         };
         assert_eq!(after(LATENCY + NO_TIMES, &frame), Decision::Choose(Medium, None));
-        // Nothing is ever ready.
+        // The camera never becomes ready.
         frame.reflects = false;
         frame.time = Some(0.1);
         frame.delta = PATIENCE / 100;
         assert_eq!(after(100, &frame), Decision::Choose(Medium, None));
-        // A laptop that slept hasn't searched meanwhile.
+        // A laptop that slept wasn't searching meanwhile.
         frame.delta = Duration::from_secs(3600);
         assert_eq!(after(1, &frame), Decision::Wait);
-        // On a slow machine fewer measurements have to do.
+        // A slow machine gets by with fewer measurements.
         frame.reflects = true;
         frame.time = Some(1.8);
         frame.delta = PATIENCE / 20;

@@ -1,4 +1,4 @@
-//! The controls of a camera's budget of time, and of the search for its quality.
+//! The controls of a camera's time budget, and of the search for its quality.
 
 use super::{
     camera::CameraSettings,
@@ -8,10 +8,10 @@ use super::{
 use crate::settings::{ReflectionAutoQuality, ReflectionBudget, ReflectionEffort};
 use bevy_egui::egui::Ui;
 
-/// Milliseconds at the end of the slider. Others can be typed.
+/// Milliseconds at the end of the slider. Other values can be typed.
 const MOST_MILLISECONDS: f32 = 10.0;
 
-/// The switch of the search, which goes off by itself.
+/// The switch of the search, which turns itself off at the end.
 pub(super) fn search(ui: &mut Ui, settings: &mut CameraSettings) {
     let mut searches = settings.auto_quality.is_some();
     let row = Row::new("Find quality", Tooltip::of::<ReflectionAutoQuality>());
@@ -25,7 +25,7 @@ pub(super) fn search(ui: &mut Ui, settings: &mut CameraSettings) {
     }
 }
 
-/// The switch of the budget, its target, and how much of the settings it leaves.
+/// The switch of the budget, its target, and the current effort.
 pub(super) fn budget(ui: &mut Ui, settings: &mut CameraSettings) {
     let mut holds = settings.budget.is_some();
     let row = Row::new("Hold GPU time", Tooltip::of::<ReflectionBudget>());

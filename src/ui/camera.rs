@@ -10,14 +10,14 @@ use bevy::{
     reflect::{Reflect, std_traits::ReflectDefault},
 };
 
-/// Switches the reflections of a camera off, with their settings kept in [`ReflectionsOff`], or on again with the same settings. A
+/// Switches the reflections of a camera off, and stores their settings in [`ReflectionsOff`], or on again with the same settings. A
 /// camera that never had any starts with the default.
 pub fn switch_reflections(camera: &mut EntityWorldMut, on: bool) {
     let before = CameraSettings::read(camera.as_readonly());
     CameraSettings { on, ..before.clone() }.write(&before, camera);
 }
 
-/// All that can be chosen for one camera, as plain data.
+/// All choices for one camera, as plain data.
 #[derive(Reflect, Clone, Debug, Default, PartialEq)]
 #[reflect(Default, Debug, Clone, PartialEq)]
 pub struct CameraSettings {
@@ -29,11 +29,11 @@ pub struct CameraSettings {
     pub heuristic: ShadingRateHeuristic,
     /// The size of the tiles.
     pub tile_size: ShadingRateTileSize,
-    /// The search for its quality, while it lasts.
+    /// The search for its quality, while it is running.
     pub auto_quality: Option<ReflectionAutoQuality>,
     /// Its budget of GPU time, if it has one.
     pub budget: Option<ReflectionBudget>,
-    /// Part of the settings that the budget leaves at present. It is shown and never written.
+    /// Fraction of the settings that the budget currently uses. It is shown and never written.
     pub effort: ReflectionEffort,
     /// Debug view of the camera.
     pub debug_view: ReflectionDebugView,
@@ -129,7 +129,7 @@ impl CameraSettings {
         }
     }
 
-    /// The preset that these settings are. The back end is none of a preset's business: all give the same rays.
+    /// The preset that these settings match. The back end is ignored, since all of them trace the same rays.
     #[must_use]
     pub fn preset(&self) -> Option<ReflectionPreset> {
         ReflectionPreset::ALL.into_iter().find(|preset| {
@@ -140,7 +140,7 @@ impl CameraSettings {
         })
     }
 
-    /// Takes over a preset, except for the back end.
+    /// Applies a preset, except for the back end.
     pub fn apply_preset(&mut self, preset: ReflectionPreset) {
         let backend = self.reflections.backend;
         (self.reflections, self.heuristic) = preset.settings();

@@ -1,10 +1,10 @@
-//! A settings panel and an options menu, drawn with egui through `bevy_egui`. Crate feature `egui`; nothing else of the crate needs it.
+//! A settings panel and an options menu, drawn with egui through `bevy_egui`. Crate feature `egui`; no other part of the crate needs it.
 //!
 //! - [`ReflectionSettingsPanelPlugin`] shows a window with all settings of each camera and with live measurements, for development.
-//! - [`reflection_settings_ui`] and [`reflection_measurements_ui`] are its two halves, for a panel of your own, and
-//!   [`camera_settings_ui`] and [`measurements_ui`] the same on plain data.
+//! - [`reflection_settings_ui`] and [`reflection_measurements_ui`] are its two halves, for a custom panel. [`camera_settings_ui`] and
+//!   [`measurements_ui`] are the versions for plain data.
 //! - [`quality_menu`] is one row for the options menu of a game. It chooses a [`ReflectionQuality`](crate::ReflectionQuality).
-//!   [`auto_quality_menu`] can leave the choice to the machine.
+//!   [`auto_quality_menu`] can also leave the choice to the search.
 //!
 //! ```no_run
 //! use bevy::prelude::*;

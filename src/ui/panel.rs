@@ -1,4 +1,4 @@
-//! The plugin, its window, and the parts of the window for panels of others.
+//! The plugin, its window, and the parts of the window for custom panels.
 
 use super::{
     camera::CameraSettings,
@@ -38,8 +38,8 @@ const WINDOW_HEIGHT: f32 = 640.0;
 
 /// Shows a window with the settings of each camera and their cost, on the primary context of `bevy_egui`.
 ///
-/// Add it after `DefaultPlugins`, and after [`EguiPlugin`] if the app adds that itself; otherwise this plugin does, so that it gets on
-/// with others that draw with egui. In an app without a renderer it does nothing. For times and rays add Bevy's
+/// Add it after `DefaultPlugins`, and after [`EguiPlugin`] if the app adds that itself; otherwise this plugin adds it, which works
+/// together with other users of egui. In an app without a renderer it does nothing. For times and rays, add Bevy's
 /// `RenderDiagnosticsPlugin`, too.
 #[derive(Clone, Copy, Debug)]
 pub struct ReflectionSettingsPanelPlugin {
@@ -179,8 +179,8 @@ fn candidates(world: &mut World) -> Vec<Candidate> {
     candidates
 }
 
-/// The settings of a camera, for panels of your own. `camera` is the one that is shown; where it is none of the 3D cameras, the
-/// first one that reflects takes its place. Changes act at once.
+/// The settings of a camera, for custom panels. `camera` is the shown one; if it isn't a 3D camera, it is replaced by the first one
+/// that reflects. Changes apply immediately.
 pub fn reflection_settings_ui(ui: &mut Ui, world: &mut World, camera: &mut Option<Entity>) {
     let cameras = candidates(world);
     let shown = cameras
@@ -215,7 +215,7 @@ pub fn reflection_settings_ui(ui: &mut Ui, world: &mut World, camera: &mut Optio
     }
 }
 
-/// Shows the cost of a camera's reflections and the capabilities of this machine, for panels of your own.
+/// Shows the cost of a camera's reflections and the capabilities of this machine, for custom panels.
 pub fn reflection_measurements_ui(ui: &mut Ui, world: &World, camera: Option<Entity>) {
     let report = report(world);
     let memory = report.view_memory.iter().find(|memory| Some(memory.camera) == camera);

@@ -4,7 +4,7 @@ use super::tooltips::Tooltip;
 use crate::settings::{ReflectionAutoQuality, ReflectionQuality};
 use bevy_egui::egui::{Response, Ui};
 
-/// A row of buttons, one for each quality. [`Response::changed`] says that another one was chosen; it is up to the caller to save it and
+/// A row of buttons, one for each quality. [`Response::changed`] returns true if another one was chosen; the caller has to save it and
 /// to insert it on the cameras of the game.
 pub fn quality_menu(ui: &mut Ui, quality: &mut ReflectionQuality) -> Response {
     let mut shown = Some(*quality);
@@ -13,8 +13,8 @@ pub fn quality_menu(ui: &mut Ui, quality: &mut ReflectionQuality) -> Response {
     response
 }
 
-/// Like the other row, with one more button for a quality that suits the machine: `None` while a [`ReflectionAutoQuality`] searches for
-/// it. The caller inserts that component in place of a quality, and applies the quality of the event
+/// A row like [`quality_menu`], with an additional button for an automatic choice: `None` while a [`ReflectionAutoQuality`] is
+/// searching. The caller inserts that component instead of a quality, and applies the quality of the event
 /// [`ReflectionQualityChosen`](crate::ReflectionQualityChosen).
 pub fn auto_quality_menu(ui: &mut Ui, quality: &mut Option<ReflectionQuality>) -> Response {
     row(ui, quality, true)

@@ -26,7 +26,7 @@ const NO_SCREEN: &str = "With this technique, and with the hardware back end, ev
 const ONE_BOUNCE: &str = "Only with more than one bounce.";
 const FIXED_TRACER: &str = "It can't be changed while the app runs.";
 
-/// Why no camera can reflect on this machine, once that is known.
+/// The reason why no camera can reflect on this machine, once that is known.
 #[must_use]
 pub fn why_no_reflections(report: &ReflectionStatusReport) -> Option<String> {
     let known = !report.adapter.is_empty();
@@ -36,7 +36,7 @@ pub fn why_no_reflections(report: &ReflectionStatusReport) -> Option<String> {
     })
 }
 
-/// Why [`ReflectionBackend::HardwareVrs`] can't be used on this machine.
+/// The reason why [`ReflectionBackend::HardwareVrs`] is unavailable on this machine.
 #[must_use]
 pub fn why_no_hardware(report: &ReflectionStatusReport) -> Option<String> {
     match &report.hardware_vrs {
@@ -164,7 +164,7 @@ fn backend(
     }
 }
 
-/// The tracer, which can be seen but not changed.
+/// The tracer, which is shown but can't be changed.
 fn tracer(ui: &mut Ui, report: &ReflectionStatusReport) {
     let tracers = [
         Choice::new(

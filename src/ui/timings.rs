@@ -15,7 +15,7 @@ const TOTAL_CPU: DiagnosticPath = DiagnosticPath::const_new("render/glint/elapse
 const RAYS: DiagnosticPath = DiagnosticPath::const_new("render/reflection_rays");
 const MIRROR_RAYS: DiagnosticPath = DiagnosticPath::const_new("render/reflection_mirror_rays");
 const HITS: DiagnosticPath = DiagnosticPath::const_new("render/reflection_hits");
-/// Finding glass and water, and the reflections on them.
+/// Times to find glass and water, and to trace the reflections on them.
 const FRONT_LAYER: [DiagnosticPath; 2] = [
     DiagnosticPath::const_new("render/glint_find_front_layer/elapsed_gpu"),
     DiagnosticPath::const_new("render/glint_front_layer/elapsed_gpu"),
@@ -25,11 +25,11 @@ const FRONT_LAYER_RAYS: [DiagnosticPath; 2] = [
     DiagnosticPath::const_new("render/reflection_front_layer_mirror_rays"),
 ];
 
-/// Passes in the order in which they run; others follow by name.
+/// Passes in execution order; others follow by name.
 const ORDER: [&str; 6] = ["rate", "trace", "reconstruct", "temporal", "denoise", "composite"];
-/// Older measurements say nothing about the present.
+/// Older measurements are ignored.
 const STALE: Duration = Duration::from_secs(5);
-/// Measurements of one frame have one time; a pass that lags behind by more didn't run.
+/// Measurements of one frame have the same time; a pass with an older measurement didn't run.
 const SAME_FRAME: Duration = Duration::from_millis(100);
 
 const COLORS: [Color32; 7] = [
@@ -43,11 +43,11 @@ const COLORS: [Color32; 7] = [
 ];
 const PLOT_HEIGHT: f32 = 70.0;
 
-/// How long a pass takes on the GPU.
+/// GPU time of a pass.
 #[derive(Reflect, Clone, Debug, PartialEq)]
 #[reflect(Debug, Clone, PartialEq)]
 pub struct PassTime {
-    /// As the pass is called in paths of diagnostics.
+    /// Name of the pass in diagnostic paths.
     pub name: String,
     /// Smoothed over some frames.
     pub milliseconds: f64,
@@ -65,9 +65,8 @@ impl PassTime {
     }
 }
 
-/// The crate's part of Bevy's diagnostics. Times, rays and hits are measured with Bevy's `RenderDiagnosticsPlugin`
-/// alone. If several cameras reflect, each adds its measurements to the same diagnostics, and these are of one after
-/// the other.
+/// The crate's part of Bevy's diagnostics. Times, rays and hits are only measured with Bevy's `RenderDiagnosticsPlugin`. If
+/// several cameras reflect, each adds its measurements to the same diagnostics, and the values alternate between them.
 #[derive(Reflect, Clone, Debug, Default, PartialEq)]
 #[reflect(Default, Debug, Clone, PartialEq)]
 pub struct Measurements {
@@ -75,19 +74,19 @@ pub struct Measurements {
     pub total: Option<PassTime>,
     /// The passes that ran in the last frame.
     pub passes: Vec<PassTime>,
-    /// Why there are no times.
+    /// The reason why there are no times.
     pub missing: Option<&'static str>,
     /// Reflection rays per pixel, without shadow rays.
     pub rays_per_pixel: Option<f64>,
-    /// Part of the rays that hit something.
+    /// Fraction of the rays that hit something.
     pub hits: Option<f64>,
-    /// Milliseconds of reflections on glass and water, which `total` leaves out; `None` where there are none in the last frame.
+    /// Milliseconds of reflections on glass and water, which `total` excludes; `None` if the last frame had none.
     pub front_layer: Option<f64>,
-    /// Rays per pixel of the camera for reflections on glass and water; `None` where there are none in the last frame.
+    /// Rays per pixel of the camera for reflections on glass and water; `None` if the last frame had none.
     pub front_layer_rays_per_pixel: Option<f64>,
-    /// Bytes of the scene that rays hit.
+    /// Bytes of the scene for rays.
     pub scene_bytes: Option<f64>,
-    /// Bytes of the textures and buffers that the reflections of all cameras own.
+    /// Bytes of the textures and buffers of all cameras' reflections.
     pub view_bytes: Option<f64>,
 }
 
@@ -112,7 +111,7 @@ impl Measurements {
             let times = frame.zip(diagnostic.measurement());
             times.is_some_and(|(frame, of)| frame.saturating_duration_since(of.time) < SAME_FRAME)
         };
-        // The sum; `None` where one of them was not measured in that frame.
+        // The sum; `None` if one of them was not measured in that frame.
         let layer_sum = |paths: &[DiagnosticPath]| {
             let parts = paths.iter().map(|path| {
                 let diagnostic = recent(path).filter(|diagnostic| is_of_frame(diagnostic))?;
@@ -264,7 +263,7 @@ fn points(history: &[f32], area: Rect, top: f32) -> Vec<Pos2> {
         .collect()
 }
 
-/// The least of 0.1, 0.2, 0.5, 1, 2, 5 and so on that is not below `value`.
+/// The smallest of 0.1, 0.2, 0.5, 1, 2, 5 and so on that is not below `value`.
 fn ceiling(value: f32) -> f32 {
     let mut top = 0.1;
     for step in [2.0, 2.5, 2.0].into_iter().cycle().take(30) {

@@ -1,9 +1,9 @@
-//! Tooltips of settings: the first paragraph of their documentation, which reflection keeps.
+//! Tooltips of settings: the first paragraph of their documentation, which Bevy's reflection keeps.
 
 use bevy::reflect::{Typed, enums::Enum};
 use bevy_egui::egui::{Response, Ui};
 
-/// Documentation of a setting, which is shown while the pointer rests on its row.
+/// Documentation of a setting, shown while the pointer rests on its row.
 #[derive(Clone, Copy)]
 pub(super) struct Tooltip(&'static str);
 
@@ -48,7 +48,7 @@ impl Tooltip {
         Self::variant::<T>(value.variant_name())
     }
 
-    /// Shows the tooltip while the pointer rests on a control, behind the reason why it can't be used now.
+    /// Shows the tooltip while the pointer rests on a control, after the reason why it is disabled.
     pub(super) fn explain(self, response: Response, disabled: Option<&str>) {
         let show = |ui: &mut Ui, text: String| {
             // As egui does for texts.
@@ -61,7 +61,7 @@ impl Tooltip {
         }
     }
 
-    /// The first paragraph as a reader sees it: no code marks, no emphasis, no targets of links.
+    /// The first paragraph as plain text: no code marks, no emphasis, no link targets.
     fn first_paragraph(self) -> String {
         let lines = self.0.lines().map(str::trim).take_while(|line| !line.is_empty());
         let text = lines.collect::<Vec<_>>().join(" ");

@@ -13,7 +13,7 @@ const LABEL_WIDTH: f32 = 130.0;
 const CHOICE_WIDTH: f32 = 150.0;
 const RESET: &str = "⟲";
 
-/// Why settings of the rates can't be changed with a technique.
+/// The reason why rate settings can't be changed with a technique.
 pub(super) fn only_variable(technique: ReflectionTechnique) -> Option<&'static str> {
     (technique != ReflectionTechnique::Variable).then_some("Only with the technique Variable.")
 }
@@ -23,7 +23,7 @@ pub(super) fn only_variable(technique: ReflectionTechnique) -> Option<&'static s
 pub(super) struct Row<'a> {
     label: &'a str,
     tooltip: Tooltip,
-    /// Why it can't be changed now.
+    /// The reason why it can't be changed now.
     disabled: Option<&'a str>,
 }
 
@@ -36,7 +36,7 @@ impl<'a> Row<'a> {
         }
     }
 
-    /// Greys the row out, if there is a reason.
+    /// Disables the row, if there is a reason.
     pub(super) fn unless(self, reason: Option<&'a str>) -> Self {
         Self {
             disabled: reason,
@@ -49,7 +49,7 @@ impl<'a> Row<'a> {
     }
 }
 
-/// The row of one setting. The button that resets it is there while it differs from the default.
+/// The row of one setting. Its reset button exists while the setting differs from the default.
 pub(super) fn field<T: PartialEq>(
     ui: &mut Ui,
     row: Row,
@@ -57,7 +57,7 @@ pub(super) fn field<T: PartialEq>(
     default: T,
     control: impl FnOnce(&mut Ui, &mut T) -> Response,
 ) {
-    // An id of its own, so that rows that come and go above don't interrupt a drag.
+    // A separate id, so that rows appearing or disappearing above don't interrupt a drag.
     let id = ui.id().with(row.label);
     ui.scope_builder(UiBuilder::new().id(id), |ui| {
         if row.disabled.is_some() {
@@ -86,7 +86,7 @@ pub(super) fn label(ui: &mut Ui, text: &str) -> Response {
     .inner
 }
 
-/// A part of the panel that can be folded.
+/// A collapsible section of the panel.
 pub(super) fn section(ui: &mut Ui, title: &str, open: bool, contents: impl FnOnce(&mut Ui)) {
     CollapsingHeader::new(title)
         .default_open(open)
@@ -98,7 +98,7 @@ pub(super) struct Choice<T> {
     value: T,
     label: String,
     tooltip: Tooltip,
-    /// Why it can't be chosen.
+    /// The reason why it can't be chosen.
     disabled: Option<String>,
 }
 
@@ -112,7 +112,7 @@ impl<T> Choice<T> {
         }
     }
 
-    /// Greys the entry out, if there is a reason.
+    /// Disables the entry, if there is a reason.
     pub(super) fn unless(self, reason: Option<String>) -> Self {
         Self {
             disabled: reason,
@@ -172,7 +172,7 @@ pub(super) fn flag(ui: &mut Ui, row: Row, value: &mut bool, default: bool) {
     });
 }
 
-/// A slider. Values outside of the range stay as they are until the slider is touched.
+/// A slider. Values outside the range are kept until the slider is touched.
 pub(super) fn slider<N: Numeric>(
     ui: &mut Ui,
     value: &mut N,
@@ -180,7 +180,7 @@ pub(super) fn slider<N: Numeric>(
     style: impl FnOnce(Slider<'_>) -> Slider<'_>,
 ) -> Response {
     let mut shown = *range.start();
-    // Not so for NaN.
+    // False for NaN.
     if *value > shown {
         shown = *value;
     }
@@ -201,7 +201,7 @@ pub(super) fn unit(ui: &mut Ui, row: Row, value: &mut f32, default: f32) {
     });
 }
 
-/// The row of a setting from 0 to 1 that can be left out.
+/// The row of a setting from 0 to 1 that can be disabled.
 pub(super) fn optional_unit(ui: &mut Ui, row: Row, value: &mut Option<f32>, default: Option<f32>) {
     field(ui, row, value, default, |ui, value| {
         let mut on = value.is_some();
