@@ -51,7 +51,7 @@ fn watch(
     (changes / f32::from(frames), rays / f32::from(frames))
 }
 
-/// No tile goes up and down from frame to frame, and calm pictures take fewer rays than a quarter of their pixels.
+/// No tile's step goes up and down from frame to frame, and calm images take fewer rays than a quarter of their pixels.
 #[test]
 fn rates_settle() {
     let Some(mut app) = app(SIZE, Output::Linear, ReflectionTracerChoice::Bvh) else {

@@ -1,4 +1,4 @@
-//! Levels that arrive: everything that fits can be hit soon, and the rest is told.
+//! Levels that arrive: rays soon hit everything that fits, and the status reports the rest.
 
 use crate::{
     common::app_of,
@@ -13,7 +13,7 @@ use bevy_glint::{ReflectionTechnique, ReflectionTracerChoice};
 use glint_scenes::{HeadlessApp, HeadlessSettings, Output, SceneName};
 use std::time::{Duration, Instant};
 
-/// An app with a mirror, and with so many spheres of 16,000 triangles that have just come.
+/// An app with a mirror, and with this number of spheres of 16,000 triangles that have just arrived.
 fn level(spheres: usize, bytes: u64) -> Option<HeadlessApp> {
     let limits = WgpuLimits {
         max_storage_buffer_binding_size: bytes,
@@ -54,17 +54,17 @@ fn a_level_arrives_in_seconds() {
             assert!(report.triangles > 999_000, "{report:?}");
             return;
         }
-        // It takes two seconds on a thread of its own.
+        // A separate thread takes two seconds for it.
         assert!(begin.elapsed() < Duration::from_secs(60), "{report:?}");
     }
 }
 
-/// Apps can tell that a level is loaded although not all of it found room. The rest arrives once others are gone.
+/// Apps can detect that a level is loaded although not all of it fits. The rest arrives once other objects are gone.
 #[test]
 fn meshes_that_find_no_room_are_told() {
     const SPHERES: usize = 12;
     const LEFT: usize = 4;
-    // A sphere takes 0.9 MB.
+    // A sphere uses 0.9 MB.
     let Some(mut app) = level(SPHERES, 6 << 20) else { return };
     for _ in 0..2_000 {
         app.step(1);
@@ -119,7 +119,7 @@ fn a_large_mesh_that_changes_in_every_frame_is_seen() {
     panic!("{:?}", report(&mut app));
 }
 
-/// An object that gets another mesh, which takes a while to build, is seen with its last one until then.
+/// An object that gets a mesh that takes a while to build is shown with its last mesh until then.
 #[test]
 fn an_object_never_vanishes_for_another_mesh() {
     for (_, mut app) in apps(SIZE / 4, Output::Picture) {

@@ -12,10 +12,10 @@ use bevy_glint::{
 use glint_scenes::{HeadlessApp, Output, SceneName};
 
 const SIZE: UVec2 = UVec2::new(64, 36);
-/// Frames in which three trials end, with room for compiling.
+/// Enough frames for three trials and for compiling.
 const FRAMES: u32 = 3000;
 
-/// Events since the last look.
+/// Events since the last check.
 #[derive(Resource, Default)]
 struct Heard(Vec<ReflectionQualityChosen>);
 
@@ -33,7 +33,7 @@ fn app(has_times: bool) -> Option<(HeadlessApp, Entity)> {
     Some((app, camera))
 }
 
-/// Searches until the camera has its quality; returns the one event.
+/// Searches until the camera has its quality, and returns the only event.
 #[track_caller]
 fn search(app: &mut HeadlessApp, camera: Entity, settings: ReflectionAutoQuality) -> ReflectionQualityChosen {
     app.world().entity_mut(camera).insert(settings);
@@ -72,7 +72,7 @@ fn the_machine_decides_the_quality() {
     let budget = app.world().get::<ReflectionBudget>(camera);
     assert_eq!(budget.map(|budget| budget.milliseconds), Some(hour.milliseconds));
 
-    // Nothing is that fast, and a budget that is there stays.
+    // No device is that fast, and an existing budget stays.
     let nothing = ReflectionAutoQuality {
         milliseconds: 1e-3,
         ..auto

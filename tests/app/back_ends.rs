@@ -41,13 +41,13 @@ const RECORD_STEPS: u32 = 2;
 /// Steps of a half float of the radiance.
 const RADIANCE_STEPS: u32 = 4;
 
-/// A camera of the test with its picture.
+/// A camera of the test with its image.
 struct Viewer {
     camera: Entity,
     picture: Handle<Image>,
 }
 
-/// An app that counts invocations. Its own small camera keeps the scene on the GPU while those of the test come and go.
+/// An app that counts invocations. Its own small camera keeps the scene on the GPU while the cameras of the test come and go.
 fn app(tracer: ReflectionTracerChoice, before: impl FnOnce(&mut App)) -> Option<HeadlessApp> {
     let mut app = app_on_device(UVec2::splat(16), Output::Picture, tracer, before, |app| {
         if let Some(render) = app.get_sub_app_mut(RenderApp) {
@@ -118,13 +118,13 @@ fn active_backend(app: &mut HeadlessApp, viewer: &Viewer) -> Option<ReflectionBa
     own.map(|(_, backend)| backend)
 }
 
-/// The CPU driver computes the same with every kind of shader.
+/// The CPU driver computes the same results with every kind of shader.
 fn is_exact(app: &mut HeadlessApp) -> bool {
     let render = app.app().get_sub_app(RenderApp).unwrap().world();
     render.resource::<RenderAdapterInfo>().device_type == wgpu::DeviceType::Cpu
 }
 
-/// Mesa's CPU driver (25.0) reads candidates of ray queries in fragment shaders for lanes that have none, and crashes.
+/// In fragment shaders, Mesa's CPU driver (25.0) reads candidates of ray queries for lanes without one, and crashes.
 fn has_fragment_rays(app: &mut HeadlessApp, tracer: ReflectionTracerChoice) -> bool {
     let crashes = tracer == ReflectionTracerChoice::RayQuery && is_exact(app);
     if crashes {
@@ -150,7 +150,7 @@ fn counted(app: &mut HeadlessApp, viewer: &Viewer) -> Vec<u32> {
     copied(app, viewer, Target::Counters).words[2..7].to_vec()
 }
 
-/// The same for the list of blocks.
+/// Like `counted`, for the list of blocks.
 fn listed(app: &mut HeadlessApp, viewer: &Viewer) -> Vec<u32> {
     let count = copied(app, viewer, Target::IndirectArgs).words[12] as usize;
     let mut sizes = vec![0; 5];
@@ -165,11 +165,11 @@ fn listed(app: &mut HeadlessApp, viewer: &Viewer) -> Vec<u32> {
 struct Differences {
     /// Trace pixels with a ray.
     rays: u32,
-    /// One of both has a ray, the other none.
+    /// One of them has a ray, and the other doesn't.
     validity: u32,
-    /// Another pixel of the block, or another surface.
+    /// The ray starts at another pixel of the block, or at another surface.
     origins: u32,
-    /// Words that differ at all.
+    /// Words that differ.
     record_words: u32,
     radiance_words: u32,
     /// Trace pixels with more than a difference in the last bits.
@@ -249,7 +249,7 @@ fn assert_same_rays(app: &mut HeadlessApp, name: &str, a: &Viewer, b: &Viewer) {
     assert!(found.far_radiance * 100 <= found.rays, "{name}");
 }
 
-/// Techniques and back ends that share an app, because its start takes most of the time.
+/// Techniques and back ends that share an app, because starting one takes most of the time.
 #[test]
 fn compute_passes_trace_the_same_rays() {
     for tracer in BOTH {
@@ -265,7 +265,7 @@ fn compute_passes_trace_the_same_rays() {
     }
 }
 
-/// At one ray per trace pixel the techniques of 1/4 ray per pixel are one and the same, and so are the passes that follow rays beyond their
+/// At one ray per trace pixel, the techniques with 1/4 ray per pixel are identical, and so are the passes that follow rays beyond their
 /// first hit.
 fn assert_techniques_agree(app: &mut HeadlessApp, tracer: ReflectionTracerChoice, max_bounces: u32) {
     let one = ShadingRateHeuristic::Uniform(ShadingRate::R1x1);
@@ -309,7 +309,7 @@ fn assert_techniques_agree(app: &mut HeadlessApp, tracer: ReflectionTracerChoice
     remove(app, viewers);
 }
 
-/// If the hardware back end can't be used, compute takes its place and the status says why.
+/// If the hardware back end can't be used, compute takes its place and the status gives the reason.
 fn compute_takes_the_place_of_missing_hardware(app: &mut HeadlessApp) {
     let heuristic = ShadingRateHeuristic::default();
     let viewer = add(
@@ -335,7 +335,7 @@ fn compute_takes_the_place_of_missing_hardware(app: &mut HeadlessApp) {
     assert_eq!(active_backend(app, &viewer), None);
 }
 
-/// If ray queries in fragment shaders would crash the driver, a compute shader traces the rays and the status says so.
+/// If ray queries in fragment shaders would crash the driver, a compute shader traces the rays and the status reports it.
 fn compute_takes_the_place_of_fragments_that_would_crash(app: &mut HeadlessApp) {
     if !is_exact(app) {
         println!("skipped: ray queries of another driver");
@@ -395,7 +395,7 @@ fn the_raw_pass_traces_the_rays_of_the_others() {
         let (expected, actual) = (picture(&mut app, &viewers[0]), picture(&mut app, &viewers[1]));
         assert_flip(&format!("raw-{tracer:?}"), SIZE, &expected, &actual, limit);
 
-        // Coarse blocks: where the rasterizer doesn't know them, all their pixels trace the block's ray.
+        // Coarse blocks: if the rasterizer doesn't support them, all their pixels trace the block's ray.
         let coarse = ShadingRateHeuristic::PAPER_GRAZING;
         let viewers = [
             add(
@@ -459,7 +459,7 @@ fn the_raw_pass_is_taken_up_again_after_an_error() {
     app.step(3);
     refuse_memory(&device, false);
     assert_eq!(active(&mut app), Some(ReflectionBackend::Compute));
-    // Not drawn meanwhile: the picture takes the time.
+    // Not drawn meanwhile, because drawing the image takes time.
     app.world().get_mut::<Camera>(viewer.camera).unwrap().is_active = false;
     app.step(580);
     app.world().get_mut::<Camera>(viewer.camera).unwrap().is_active = true;
@@ -472,7 +472,7 @@ fn the_raw_pass_is_taken_up_again_after_an_error() {
     assert!(frames.is_some(), "{:?}", report(&mut app));
 }
 
-/// With shading rates, the rasterizer starts as many invocations as the list has blocks.
+/// With shading rates, the rasterizer starts one invocation for each block of the list.
 #[cfg(feature = "hardware-vrs")]
 #[test]
 fn hardware_rates_start_the_rays_of_the_list() {

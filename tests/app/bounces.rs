@@ -9,12 +9,12 @@ use bevy::{math::UVec2, prelude::*};
 use bevy_glint::{RayTracedReflections, ReflectionTechnique, ReflectionTracerChoice};
 use glint_scenes::{HeadlessApp, Output, SceneName};
 
-/// All of it shows the same, so that few pixels are enough.
+/// The whole image shows the same, so a few pixels are enough.
 const SIZE: UVec2 = UVec2::new(32, 20);
 /// Reflectance of the mirrors in red, green and blue.
 const REFLECTANCE: [f32; 3] = [0.9, 0.7, 0.5];
 
-/// Mean light in the middle of the picture.
+/// Mean light in the middle of the image.
 fn middle(app: &mut HeadlessApp) -> [f32; 3] {
     const EDGE: u32 = 4;
     let pixels = app.capture_linear().unwrap();
@@ -47,14 +47,14 @@ fn set_bounces(app: &mut HeadlessApp, camera: Entity, max_bounces: u32, bounce_r
     let mut settings = app.world().get_mut::<RayTracedReflections>(camera).unwrap();
     settings.max_bounces = max_bounces;
     settings.bounce_roughness_cutoff = bounce_roughness_cutoff;
-    // The report is that of the frame before.
+    // The report is one frame old.
     app.step(2);
     warm_up(app);
     app.world().get_mut::<RayTracedReflections>(camera).unwrap().reset = true;
     app.step(4);
 }
 
-/// After n bounces the light of the surroundings has met n + 1 mirrors, that of the picture included.
+/// After n bounces the light of the surroundings has been reflected by n + 1 mirrors, including the first one.
 #[test]
 fn facing_mirrors_show_powers_of_their_reflectance() {
     for (tracer, mut app) in apps(SIZE, Output::Linear) {
@@ -95,7 +95,7 @@ fn facing_mirrors_show_powers_of_their_reflectance() {
     }
 }
 
-/// Ambient light represents light from all directions: where a ray goes on, the ray replaces it.
+/// Ambient light represents light from all directions. If a ray goes on, it replaces ambient light.
 #[test]
 fn rays_that_go_on_take_the_place_of_ambient_light() {
     for (tracer, mut app) in apps(SIZE, Output::Linear) {
@@ -107,7 +107,7 @@ fn rays_that_go_on_take_the_place_of_ambient_light() {
         };
         app.world().entity_mut(camera).insert(ambient);
         reflect(app, camera, ReflectionTechnique::Converged);
-        // The last hit alone shows it.
+        // Only the last hit shows it.
         let light = [1, 8].map(|bounces| {
             set_bounces(app, camera, bounces, 0.3);
             middle(app)[1]
@@ -117,7 +117,7 @@ fn rays_that_go_on_take_the_place_of_ambient_light() {
     }
 }
 
-/// White walls can't be told from white surroundings, however often light goes back and forth between them.
+/// White walls look like white surroundings, however often light bounces between them.
 #[test]
 fn white_walls_stay_white() {
     let Some(mut app) = app(2 * SIZE, Output::Linear, ReflectionTracerChoice::Bvh) else {

@@ -13,7 +13,7 @@ use bevy_glint::{
 use glint_scenes::{HeadlessApp, Output, SceneName};
 
 const SIZE: UVec2 = UVec2::new(96, 54);
-/// Frames in which the least effort is reached, with room: a step is a quarter, and takes eleven frames, or more if times come late.
+/// Enough frames to reach the lowest effort: a step is a quarter and takes eleven frames, or more if times arrive late.
 const FRAMES: u32 = 330;
 
 fn rays(app: &mut HeadlessApp) -> f64 {
@@ -36,7 +36,7 @@ fn a_budget_takes_rays_and_gives_them_back() {
     warm_up(&mut app);
     let all = rays(&mut app);
 
-    // Nothing is that fast, and everything is faster than an hour.
+    // No device meets the first budget, and every device meets the second one, an hour.
     for (milliseconds, effort, least, most) in [(1e-3, 0.25, 0.2, 0.8), (3.6e6, 1.0, 0.99, 1.01)] {
         app.world().entity_mut(camera).insert(ReflectionBudget {
             milliseconds,
@@ -48,7 +48,7 @@ fn a_budget_takes_rays_and_gives_them_back() {
         });
         let found = app.world().get::<ReflectionEffort>(camera).copied();
         assert!(reached, "{milliseconds} ms: {found:?}, not {effort}");
-        // And it stays.
+        // The effort stays there.
         app.step(24);
         assert_eq!(
             app.world().get(camera),

@@ -1,4 +1,4 @@
-//! What reflections show while shaders are compiled, and which are compiled at all.
+//! The reflections that are shown while shaders compile, and the shaders that are compiled.
 
 use crate::{
     common::app,
@@ -48,7 +48,7 @@ fn clearcoated() -> StandardMaterial {
     }
 }
 
-/// A camera with these settings before a mirror and glass of a colour, which has variants of its own.
+/// A camera with these settings before a mirror and before coloured glass, which has its own variants.
 fn stage(app: &mut HeadlessApp, settings: RayTracedReflections) -> Entity {
     spawn_mesh(app, wall(), metal(0.0), Transform::IDENTITY);
     let glass = StandardMaterial {
@@ -98,7 +98,7 @@ fn nothing_is_compiled_twice_or_for_techniques_that_are_out_of_use() {
     }
 }
 
-/// Means of the left and of the right half of a picture.
+/// Means of the left and the right half of an image.
 fn halves(app: &HeadlessApp) -> [f32; 2] {
     let picture = app.capture().unwrap();
     let width = SIZE.x as usize;
@@ -110,8 +110,8 @@ fn halves(app: &HeadlessApp) -> [f32; 2] {
     sums.map(|sum| sum / (1.5 * (SIZE.x * SIZE.y) as f32))
 }
 
-/// Frames until nothing is compiled any more. Returns the number of frames in which something was, and in which `ready` was true all the
-/// same; `look` sees all of them.
+/// Runs frames until nothing compiles any more. Returns the number of frames in which something compiled, and the number of those in
+/// which `ready` was true. `look` sees all frames.
 fn while_compiling(app: &mut HeadlessApp, mut look: impl FnMut(&mut HeadlessApp)) -> [u32; 2] {
     let mut frames = [0; 2];
     let mut quiet = 0;
@@ -223,7 +223,7 @@ fn a_new_feature_takes_no_other_one_away_while_its_shader_is_compiled() {
     let mut last = None;
     for (name, add) in features {
         let added = add(&mut app, aside);
-        // One comes, and in the second case one goes.
+        // One is added, and in the second case one is removed.
         if let Some(last) = last.replace(added) {
             app.world().despawn(last);
         }
@@ -235,7 +235,7 @@ fn a_new_feature_takes_no_other_one_away_while_its_shader_is_compiled() {
         });
         println!("{name}: {frames} frames of compiling, {ready} of them ready; least light {worst:?}");
         assert!(frames > 0, "{name} is compiled in the background");
-        // A shader for masks too, which lacks nothing, is compiled first.
+        // A shader for masks, which could also be used, is compiled first.
         assert!(ready < frames, "{name}: `ready` is true in {ready} of {frames} frames");
         assert!(worst.iter().all(|part| *part > 0.9), "{name}: {worst:?} of {before:?}");
     }

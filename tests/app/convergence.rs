@@ -16,9 +16,9 @@ const LIT_SIZE: UVec2 = UVec2::new(96, 54);
 /// Tolerance of the mean of a static image, relative to the ground truth. The paper's recipe keeps clipping history in static views.
 const MOST_BIAS: f32 = 0.01;
 const MOST_BIAS_OF_THE_PAPER: f32 = 0.05;
-/// Error of still pictures, as a display shows it: smooth surfaces are sharp.
+/// Error of static images, as a display shows it: smooth surfaces are sharp.
 const MOST_ERROR_AT_REST: f32 = 0.024;
-/// Error of pictures of a moving camera, as a display shows it.
+/// Error of images of a moving camera, as a display shows it.
 const MOST_ERROR_IN_MOTION: f32 = 0.03;
 /// Frames of the truth, more of them for small lamps than under a sky, and frames that each technique has.
 const TRUE_FRAMES: u32 = 384;
@@ -55,7 +55,7 @@ fn scene(app: &mut HeadlessApp, name: SceneName) -> Entity {
     app.spawn_scene(name, &COARSE)
 }
 
-/// A still picture of a scene without noise, which tests of the same scene share.
+/// A static image of a scene without noise. Tests of the same scene share it.
 fn truth(app: &mut HeadlessApp, camera: Entity, name: SceneName) -> &'static [f32] {
     static OF_LAMPS: OnceLock<Vec<f32>> = OnceLock::new();
     static UNDER_A_SKY: OnceLock<Vec<f32>> = OnceLock::new();
@@ -71,7 +71,7 @@ fn truth(app: &mut HeadlessApp, camera: Entity, name: SceneName) -> &'static [f3
     })
 }
 
-/// Luminance of each pixel; fails where one is not finite.
+/// Returns the luminance of each pixel, and fails if one is not finite.
 pub fn capture(app: &mut HeadlessApp, what: &str) -> Vec<f32> {
     let pixels = app.capture_linear().unwrap();
     for (index, pixel) in pixels.iter().enumerate() {
@@ -87,11 +87,11 @@ pub fn capture(app: &mut HeadlessApp, what: &str) -> Vec<f32> {
         .collect()
 }
 
-/// Root of the mean square error as a display shows it, and the bias of light, relative to the mean of the truth.
+/// Root mean square error as a display shows it, and the bias of light, relative to the mean of the truth.
 fn errors(truth: &[f32], picture: &[f32]) -> (f32, f32) {
     let count = truth.len() as f32;
     let mean = truth.iter().sum::<f32>() / count;
-    // Otherwise few bright pixels would decide, which are noisy in the ground truth, too.
+    // Otherwise a few bright pixels would decide the result, and they are noisy in the ground truth, too.
     let shown = |light: f32| (light / (1.0 + light)).powf(1.0 / 2.2);
     let square: f32 = picture
         .iter()
@@ -136,8 +136,8 @@ fn compare_with_truth(name: SceneName, size: UVec2, techniques: &[&str]) -> Vec<
     wrong
 }
 
-/// The hardest case: all light comes from small lamps in the dark. Rays of neighbours, which see them in other places, and histories,
-/// clipped to frames that see none of them, would lose light, and the more the fewer pixels there are.
+/// The hardest case: all light comes from small lamps in the dark. Borrowed rays of neighbours see the lamps in other places, and
+/// histories are clipped to frames without a lamp. Both would lose light, and more of it with fewer pixels.
 #[test]
 #[ignore = "long: 384 frames of truth, 64 of each technique"]
 fn a_still_picture_comes_to_rest_at_the_truth() {
@@ -153,7 +153,7 @@ fn a_still_picture_under_a_sky_comes_to_rest_at_the_truth() {
     assert!(wrong.is_empty(), "{}", wrong.join("; "));
 }
 
-/// A removed object must be gone from reflections within 8 frames, and a cut must leave nothing of the last scene.
+/// A removed object must be gone from reflections within 8 frames, and a cut must leave no trace of the last scene.
 #[test]
 fn what_is_gone_leaves_no_ghost() {
     let Some(mut app) = app(SIZE, Output::Linear, ReflectionTracerChoice::Bvh) else {
@@ -203,7 +203,7 @@ fn what_is_gone_leaves_no_ghost() {
     }
 }
 
-/// While the camera moves, pictures are close to the truth, too, if not as close as at rest.
+/// While the camera moves, images are close to the truth, too, though not as close as static ones.
 #[test]
 fn a_moving_camera_sees_about_the_truth() {
     let Some(mut app) = app(SIZE, Output::Linear, ReflectionTracerChoice::Bvh) else {
@@ -226,7 +226,7 @@ fn a_moving_camera_sees_about_the_truth() {
     }
 }
 
-/// Images in a flat reflector move as if they lay behind it: the history that follows them keeps them sharp.
+/// Images in a flat reflector move as if they lay behind it, and the history that follows them keeps them sharp.
 #[test]
 fn history_follows_reflected_images() {
     let Some(mut app) = app(stage::SIZE, Output::Linear, ReflectionTracerChoice::Bvh) else {
@@ -266,7 +266,7 @@ fn history_follows_reflected_images() {
     );
 }
 
-/// Mean difference between neighbours in a row: noise, where the surface is one and the same.
+/// Mean difference between neighbours in a row. On a single surface it is noise.
 fn grain(pixels: &[[f32; 4]], width: usize) -> f32 {
     let level = pixels.iter().map(|pixel| pixel[1]).sum::<f32>() / pixels.len() as f32;
     let rows = pixels.chunks_exact(width);
@@ -274,7 +274,7 @@ fn grain(pixels: &[[f32; 4]], width: usize) -> f32 {
     apart.sum::<f32>() / (pixels.len() as f32 * level)
 }
 
-/// Young pictures are blurred where they have noise, in the pass that shows them.
+/// The pass that shows young images blurs them where they have noise.
 #[test]
 fn young_pictures_are_blurred() {
     let size = UVec2::new(96, 64);

@@ -22,7 +22,7 @@ const SIZE: UVec2 = UVec2::new(96, 54);
 /// Pixels that are no accident.
 const MANY: usize = 180;
 
-/// `None` where nothing can be traced.
+/// Returns `None` if this machine can't trace.
 fn app() -> Option<HeadlessApp> {
     app_with(SIZE, Output::Linear, ReflectionTracerChoice::Auto, |app| {
         app.add_plugins(RenderDiagnosticsPlugin);
@@ -39,7 +39,7 @@ fn switch(app: &mut HeadlessApp, camera: Entity, technique: ReflectionTechnique)
     warm_up(app);
 }
 
-/// All that is tested in the demo, in one app: its start takes longer than most of it.
+/// All tests of the demo in one app, because starting it takes longer than most of them.
 #[test]
 fn views_of_the_demo() {
     let Some(mut app) = app() else { return };
@@ -213,7 +213,7 @@ fn a_reflection_alone_is_what_a_mirror_shows() {
     }
 }
 
-/// Normals of glass, where nothing opaque is before it; the dark picture elsewhere, and everywhere without glass.
+/// The view shows normals of glass with nothing opaque in front of it. The rest of the image is dark, and all of it without glass.
 #[test]
 fn the_front_layer_shows_its_normals() {
     let Some(mut app) = app() else { return };

@@ -1,4 +1,4 @@
-//! The plugin and one component are enough, and nothing of the app's other cameras vanishes.
+//! The plugin and one component are enough, and other cameras of the app lose nothing.
 
 use crate::{
     pictures::red_pixels,
@@ -59,7 +59,7 @@ fn is_deferred(app: &mut HeadlessApp) -> bool {
     method.reflect_partial_eq(&DefaultOpaqueRendererMethod::deferred()) == Some(true)
 }
 
-/// A camera as apps spawn it. Without a window nothing else says for whom shadows are drawn.
+/// A camera as apps spawn it. Without a window only this component makes Bevy draw shadows.
 fn camera(target: RenderTarget, order: isize) -> impl Bundle {
     let camera = Camera { order, ..default() };
     let view = (Camera3d::default(), camera, target, BEFORE_THE_MIRROR);
@@ -115,8 +115,8 @@ fn cameras_without_reflections_show_everything() {
         .world()
         .spawn((camera(main, 0), RayTracedReflections::default()))
         .id();
-    // As apps have them: one that was there before the plugin was ready, a plain one, one with a prepass for an effect, and one that has
-    // lost its prepasses with its reflections.
+    // Typical cameras of apps: one that existed before the plugin was ready, a plain one, one with a prepass for an effect, and one that
+    // has lost its prepasses with its reflections.
     app.world().entity_mut(early).insert(camera(targets[0].clone(), 1));
     app.world().spawn(camera(targets[1].clone(), 2));
     app.world()
@@ -145,7 +145,7 @@ fn cameras_without_reflections_show_everything() {
 
 const RED_SHADER: Handle<Shader> = uuid_handle!("0d5a1c52-6f0e-4a57-9a35-3a9f4d0a7c21");
 
-/// An extension as apps write it that draw forward: red, and nothing is said about deferred rendering.
+/// An extension as apps with forward rendering write it: it is red and doesn't mention deferred rendering.
 #[derive(Asset, AsBindGroup, Reflect, Clone, Default)]
 struct Reddening {}
 
@@ -157,7 +157,7 @@ impl MaterialExtension for Reddening {
 
 type Reddened = ExtendedMaterial<StandardMaterial, Reddening>;
 
-/// In the G-buffer they would be missing.
+/// They would be missing in the G-buffer.
 #[test]
 fn materials_without_a_prepass_are_drawn() {
     let Some(mut app) = start_with_plugin(|app| {
@@ -185,7 +185,7 @@ fn materials_without_a_prepass_are_drawn() {
     assert_eq!(red_pixels(&app.capture().unwrap()), all, "red pixels");
 }
 
-/// The G-buffer would show their base alone.
+/// The G-buffer would show only their base.
 #[test]
 fn extended_materials_keep_a_shader_of_their_own() {
     let Some(mut app) = start_with_plugin(|app| {
@@ -223,7 +223,7 @@ fn extended_materials_keep_a_shader_of_their_own() {
     assert_eq!(red_pixels(&app.capture().unwrap()), all, "red pixels after a change");
 }
 
-/// Materials that the plugin keeps forward reflect if the camera asks for it.
+/// Materials that the plugin keeps forward reflect if the camera requests it.
 #[test]
 fn extended_materials_that_stay_forward_reflect() {
     let Some(mut app) = start_with_plugin(|app| {
@@ -326,7 +326,7 @@ fn where_nothing_can_be_traced_screen_space_reflections_may_take_over() {
     app.world().entity_mut(reflecting).remove::<RayTracedReflections>();
     app.step(2);
     assert!(!has(&mut app), "they go with the component");
-    // An app's own stay.
+    // Settings of the app itself stay.
     app.world()
         .entity_mut(reflecting)
         .insert((RayTracedReflections::default(), ScreenSpaceReflections::default()));

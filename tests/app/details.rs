@@ -1,4 +1,4 @@
-//! Levels of detail: reflections show those that the nearest reflecting camera sees.
+//! Levels of detail: reflections show the levels that the nearest reflecting camera sees.
 
 use crate::{
     pictures::{apps_of_both, reflect, warm_up},
@@ -8,7 +8,7 @@ use bevy::{camera::visibility::VisibilityRange, prelude::*};
 use bevy_glint::ReflectionTechnique;
 use glint_scenes::{HeadlessApp, Output, SceneName};
 
-/// The colour in the middle of the picture.
+/// The colour in the middle of the image.
 fn color(app: &mut HeadlessApp) -> [u8; 3] {
     warm_up(app);
     app.step(2);

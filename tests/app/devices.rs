@@ -1,4 +1,4 @@
-//! Devices with fewer features and lower limits show the same picture, by copies of textures or passes that need less.
+//! Devices with fewer features and lower limits show the same image, through copies of textures or through passes with lower requirements.
 
 use crate::{
     common::app_of,
@@ -14,9 +14,9 @@ use bevy_glint::{ReflectionPreset, ReflectionTextureMode, ReflectionTracerChoice
 use glint_scenes::{HeadlessSettings, SceneName, browser_device};
 
 const SIZE: UVec2 = UVec2::new(120, 80);
-/// Frames after which noise hardly tells two pictures apart.
+/// Frames after which noise hardly makes two images differ.
 const FRAMES: u32 = 24;
-/// Mean FLIP of two pictures of one scene; without reflections it is [`OFF`] times as high, at least.
+/// Mean FLIP of two images of one scene. Without reflections it is at least [`OFF`] times as high.
 const SAME: f32 = 0.02;
 const OFF: f32 = 2.0;
 

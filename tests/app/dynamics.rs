@@ -1,4 +1,4 @@
-//! Scenes that change between frames: the mirror follows, and nothing is built without need.
+//! Scenes that change between frames: the mirror follows them, and nothing is built without need.
 
 use crate::{
     common::app,
@@ -32,13 +32,13 @@ fn cube(size: f32) -> Mesh {
     Cuboid::from_length(size).into()
 }
 
-/// A mirror that fills the picture of a camera three metres before it, in the surroundings of a scene.
+/// A mirror that fills the image of a camera three metres before it, in the surroundings of a scene.
 fn mirror(app: &mut HeadlessApp, surroundings: SceneName) -> Entity {
     spawn_mesh(app, wall(), metal(0.0), Transform::IDENTITY);
     spawn_camera(app, BEFORE_THE_MIRROR, surroundings)
 }
 
-/// A change must be seen in the second frame at the latest, not counting frames in which a mesh is being built.
+/// A change must be visible in the second frame at the latest, not counting frames in which a mesh is being built.
 fn settle(app: &mut HeadlessApp) {
     app.step(1);
     for _ in 0..20_000 {
@@ -80,7 +80,7 @@ fn a_mirror_that_spins_is_as_sharp_as_one_that_stands() {
     }
     let technique = ReflectionTechnique::Reference;
     reflect(&mut app, camera, technique);
-    // With all of the denoiser.
+    // With the whole denoiser.
     app.world()
         .entity_mut(camera)
         .insert(RayTracedReflections { technique, ..default() });
@@ -95,7 +95,7 @@ fn a_mirror_that_spins_is_as_sharp_as_one_that_stands() {
     assert_flip("spinning-mirror", SIZE, &standing, &spinning, 0.02);
 }
 
-/// Pixels of a colour in the left and in the right half of the picture.
+/// Pixels of a colour in the left and the right half of the image.
 fn halves(picture: &[u8], color: [u8; 3]) -> [usize; 2] {
     let width = SIZE.x as usize;
     let mut counts = [0; 2];
@@ -107,7 +107,7 @@ fn halves(picture: &[u8], color: [u8; 3]) -> [usize; 2] {
     counts
 }
 
-/// The present picture shows a colour in these halves and not in the others; returns its pixels.
+/// Asserts that the current image shows a colour in these halves and not in the others, and returns its number of pixels.
 #[track_caller]
 fn expect(app: &mut HeadlessApp, what: &str, color: [u8; 3], shown: [bool; 2]) -> usize {
     settle(app);
@@ -163,7 +163,7 @@ fn entities_that_change_are_followed(app: &mut HeadlessApp, _: ReflectionTracerC
     app.world().despawn(subject);
     expect(app, "despawned", RED, [false, false]);
     expect(app, "the second stays", BLUE, [true, false]);
-    // The new one takes the slot of the old one.
+    // The new object takes the slot of the old one.
     spawn_mesh(app, cube(2.0), unlit(GREEN), Transform::from_translation(RIGHT));
     expect(app, "a third one came", GREEN, [false, true]);
 
@@ -176,7 +176,7 @@ fn entities_that_change_are_followed(app: &mut HeadlessApp, _: ReflectionTracerC
     expect(app, "hidden by its parent", BLUE, [false, false]);
 }
 
-/// A cube gets a texture with changing texels; at last it is green and has none.
+/// A cube gets a texture with changing texels. In the end it is green and has no texture.
 fn expect_changes_of_a_texture(app: &mut HeadlessApp, subject: Entity) {
     let texels = |color: [u8; 3]| [color[0], color[1], color[2], 255].repeat(16);
     let extent = Extent3d {
@@ -203,7 +203,7 @@ fn expect_changes_of_a_texture(app: &mut HeadlessApp, subject: Entity) {
     expect(app, "texture removed", GREEN, [true, false]);
 }
 
-/// The mesh of a green cube, which has so many pixels, is edited, removed, replaced and taken from the render world.
+/// The mesh of a green cube, which covers `size` pixels, is edited, removed, replaced and taken from the render world.
 fn expect_changes_of_a_mesh(app: &mut HeadlessApp, subject: Entity, size: usize) {
     let mesh = app.world().get::<Mesh3d>(subject).unwrap().0.clone();
     *app.world().resource_mut::<Assets<Mesh>>().get_mut(&mesh).unwrap() = cube(1.0);
@@ -329,7 +329,7 @@ fn a_still_scene_builds_nothing(app: &mut HeadlessApp, tracer: ReflectionTracerC
         before,
         "{tracer:?}: builds of top level and meshes in a still scene"
     );
-    // A camera that moves changes nothing for rays either.
+    // A moving camera doesn't change anything for rays either.
     app.world().get_mut::<Transform>(camera).unwrap().translation.x = 0.1;
     app.step(2);
     assert_eq!(builds(app), before, "{tracer:?}: only the camera moved");
@@ -374,7 +374,7 @@ fn without_a_camera_that_reflects_the_scene_is_freed(app: &mut HeadlessApp, trac
     reflect(app, camera, ReflectionTechnique::Reference);
     assert_eq!(expect(app, "once more", RED, [true, false]), first);
     assert_eq!(report(app).instances, 2);
-    // An inactive camera counts as none.
+    // An inactive camera doesn't count.
     app.world().get_mut::<Camera>(camera).unwrap().is_active = false;
     app.step(2);
     assert_eq!(report(app).instances, 0);
@@ -482,7 +482,7 @@ fn a_reduced_resolution_stays_inside(app: &mut HeadlessApp, tracer: ReflectionTr
     app.step(2);
     let off = app.capture().unwrap();
     reflect(app, camera, ReflectionTechnique::Reference);
-    // Upscalers also ask for the denoiser's history at the smaller size.
+    // Upscalers also request the denoiser's history at the smaller size.
     app.world().entity_mut(camera).insert(RayTracedReflections::default());
     warm_up(app);
     app.step(4);
@@ -503,7 +503,7 @@ fn a_reduced_resolution_stays_inside(app: &mut HeadlessApp, tracer: ReflectionTr
         "{tracer:?}: pixels beyond the reduced resolution changed"
     );
 
-    // The small picture is that of a small target.
+    // The small image is the image of a small target.
     let mut image = Image::new_target_texture(inside.x, inside.y, TextureFormat::Rgba8UnormSrgb, None);
     image.texture_descriptor.usage |= TextureUsages::COPY_SRC;
     let image = app.world().resource_mut::<Assets<Image>>().add(image);

@@ -49,8 +49,8 @@ fn renders_after(app: &mut HeadlessApp, camera: Entity, effect: impl Bundle, fra
     capture(app)
 }
 
-/// If all rays miss, and the surroundings are the same everywhere, traced reflections are those of the environment map: an effect over one
-/// must lie over the other.
+/// If all rays miss and the surroundings look the same everywhere, traced reflections equal the environment map's. An effect must treat
+/// both in the same way.
 #[test]
 fn effects_treat_rays_as_they_treat_the_environment_map() {
     // Until converged reflections are free of noise.
@@ -99,7 +99,7 @@ fn occlusion() -> (Msaa, ScreenSpaceAmbientOcclusion) {
     (Msaa::Off, ScreenSpaceAmbientOcclusion::default())
 }
 
-/// Bright things that only a mirror shows glow.
+/// Bright objects glow even if only a mirror shows them.
 #[test]
 fn reflections_bloom() {
     let Some(mut app) = app() else { return };
@@ -132,8 +132,8 @@ fn reflections_bloom() {
     assert!(around > 200, "{around} pixels glow");
 }
 
-/// Temporal anti-aliasing moves the camera by parts of a pixel: where nothing else moves, the image must be steady, and history must
-/// last as long as without.
+/// Temporal anti-aliasing moves the camera by parts of a pixel. If nothing else moves, the image must be steady, and history must last as
+/// long as without jitter.
 #[test]
 fn a_jittered_camera_keeps_its_history() {
     let Some(mut app) = app() else { return };

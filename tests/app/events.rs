@@ -1,4 +1,4 @@
-//! Cameras tell when their reflections begin, and why they don't.
+//! Cameras send events when their reflections begin, and when they can't begin.
 
 use crate::{
     common::app,

@@ -64,8 +64,8 @@ use bevy_glint::{RayTracedReflections, ReflectionStatus, ReflectionStatusReport}
 use glint_scenes::{HeadlessApp, HeadlessError, HeadlessSettings, save_picture};
 use std::{fs, ops::Range, path::Path, sync::LazyLock, thread, time::Duration};
 
-/// Size of the images, and frames after which a history is long enough for a look. With the environment variable `GLINT_GALLERY`, images
-/// are as large and as clean as those of README, and have Bevy's own shadow maps.
+/// Size of the images, and number of frames after which a history is long enough to compare. With the environment variable
+/// `GLINT_GALLERY`, images are as large and as clean as in README, and have Bevy's own shadow maps.
 static LOOK: LazyLock<(UVec2, u32)> = LazyLock::new(|| {
     if is_gallery() {
         (UVec2::new(960, 540), 64)
@@ -82,7 +82,7 @@ fn size() -> UVec2 {
     LOOK.0
 }
 
-/// Frames that compiling and building may take.
+/// Maximum number of frames for compiling and building.
 const PATIENCE: u32 = 20_000;
 
 /// An example that runs without a window.
@@ -92,12 +92,12 @@ struct Example {
 }
 
 impl Example {
-    /// Renders the first frames, until all of the scene can be hit; `None` (with the reason printed) where this machine can't render.
+    /// Renders the first frames until rays can hit the whole scene. Returns `None` (with the reason printed) if this machine can't render.
     fn start(name: &'static str, plugin: fn(&mut App)) -> Option<Self> {
         Self::start_with(name, plugin, |_| {})
     }
 
-    /// The same; `change` is called before the first frame.
+    /// Like `start`; `change` is called before the first frame.
     fn start_with(name: &'static str, plugin: fn(&mut App), change: impl FnOnce(&mut World)) -> Option<Self> {
         let settings = HeadlessSettings {
             size: size(),
@@ -126,7 +126,7 @@ impl Example {
         let target = app.target();
         app.world()
             .add_observer(move |camera: On<Add<Camera3d>>, mut commands: Commands| {
-                // Without a window nothing else says for whom shadows are drawn.
+                // Without a window only this component makes Bevy draw shadows.
                 commands.entity(camera.entity).insert((target.clone(), ShadowLodOrigin));
             });
         change(app.world());
@@ -137,7 +137,7 @@ impl Example {
         Some(example)
     }
 
-    /// Waits with the clock stopped until everything is compiled and, where a camera reflects, all of the scene can be hit.
+    /// Waits with the clock stopped until everything is compiled and, if a camera reflects, until rays can hit the whole scene.
     fn wait_for_scene(&mut self) {
         let was_paused = self.clock().is_paused();
         self.app.warm_up(PATIENCE).unwrap_or_else(|error| panic!("{error}"));
@@ -182,7 +182,7 @@ impl Example {
         }
     }
 
-    /// Renders with the clock stopped, and keeps the image under a name.
+    /// Renders with the clock stopped, and saves the image under a name.
     fn image(&mut self, what: &str) -> Vec<u8> {
         self.wait_for_scene();
         let was_paused = self.clock().is_paused();
@@ -212,7 +212,7 @@ impl Example {
         }
     }
 
-    /// Compares the present image with that without reflections, which must be steady.
+    /// Compares the current image with the one without reflections, which must be steady.
     #[track_caller]
     fn assert_reflects(&mut self, least: f32) {
         let on = self.image("on");
@@ -221,7 +221,7 @@ impl Example {
         let still = self.image("off");
         self.assert_same("without reflections", &off, &still);
         self.assert_differs("without reflections", &on, &off, least);
-        // Without any light of theirs the image would be darker by far: Bevy's own reflections are gone, too.
+        // Without the light of reflections the image would be far darker, because Bevy's own reflections are gone, too.
         let [light, light_off] = [&on, &off].map(|image| difference(image, &vec![0; image.len()], 0..size().x));
         println!("{}: light {light:.1}, {light_off:.1} without reflections", self.name);
         assert!(light > LEAST_LIGHT * light_off, "{}: {light} of {light_off}", self.name);
@@ -231,7 +231,7 @@ impl Example {
     fn assert_differs(&self, what: &str, a: &[u8], b: &[u8], least: f32) {
         let found = difference(a, b, 0..size().x);
         println!("{}, {what}: {found:.2}, at least {least}", self.name);
-        // A panel takes less of a larger image.
+        // A panel covers a smaller part of a larger image.
         let is_enough = found >= least || is_gallery();
         assert!(is_enough, "{}, {what}: {found} is less than {least}", self.name);
     }
@@ -243,7 +243,7 @@ impl Example {
     }
 }
 
-/// Light of an image with reflections, relative to that with those of an environment map.
+/// Light of an image with reflections, relative to the image with environment map reflections.
 const LEAST_LIGHT: f32 = 0.8;
 
 /// Dithering differs from frame to frame.
@@ -313,12 +313,12 @@ fn moving_objects() {
     let second = example.image("moving");
     example.assert_differs("half a second later", &half_a_second, &second, 5.0);
     example.press(KeyCode::Space);
-    // The history still holds the objects that moved.
+    // The history still contains the objects that moved.
     example.app.step(60);
     let stopped = example.image("stopped");
     example.app.step(30);
     let later = example.image("later");
-    // Nothing but the noise of many small lamps is left.
+    // Only the noise of many small lamps is left.
     let noise = difference(&stopped, &later, 0..size().x);
     println!("with the clock stopped: {noise:.2}");
     assert!(noise < 1.5, "with the clock stopped the image changes by {noise}");
@@ -337,7 +337,7 @@ fn character() {
     let posed = example.image("posed");
     example.assert_differs("a few steps later", &half_a_second, &posed, 0.2);
     example.press(KeyCode::KeyP);
-    // The history still holds the other pose.
+    // The history still contains the other pose.
     example.app.step(60);
     let rigid = example.image("rigid");
     assert_eq!(example.report().posed_instances, 0);
@@ -550,7 +550,7 @@ fn quality_menu() {
     example.app.world().resource_mut::<GameSettings>().reflections = Some(ReflectionQuality::Low);
     example.app.step(2);
     example.assert_reflects(1.0);
-    // As the button Auto does. No target is held on a CPU.
+    // As the button Auto does. A CPU doesn't reach any target.
     example.app.world().resource_mut::<GameSettings>().reflections = None;
     let mut frames = 0..500;
     while frames.next().is_some() && example.app.world().resource::<GameSettings>().reflections.is_none() {

@@ -32,7 +32,7 @@ fn a_shift_of_the_origin_is_not_seen() {
     shift(&mut app, SHIFT);
     app.step(2);
     assert_flip("shifted", SIZE, &before, &app.capture().unwrap(), 0.002);
-    // Merged again where they are now.
+    // Merged again at their current places.
     let again = until_at_rest(&mut app);
     assert_eq!(again.merged_instances, merged.instances);
     assert_flip("shifted-merged", SIZE, &before, &app.capture().unwrap(), 0.002);

@@ -53,7 +53,7 @@ fn set_forward(app: &mut HeadlessApp, camera: Entity, forward: bool) {
     app.world().get_mut::<RayTracedReflections>(camera).unwrap().forward = forward;
 }
 
-/// Mean difference of two pictures, and the share of pixels that differ by more than a twentieth.
+/// Mean difference of two images, and the fraction of pixels that differ by more than a twentieth.
 fn apart(a: &Picture, b: &Picture) -> (f32, f32) {
     let differences = a.iter().zip(b).map(|(a, b)| {
         let [x, y] = [a, b].map(|pixel| Vec3::from_slice(pixel));
@@ -65,7 +65,7 @@ fn apart(a: &Picture, b: &Picture) -> (f32, f32) {
     (differences.iter().sum::<f32>() / count, far as f32 / count)
 }
 
-/// Pictures of the same object drawn deferred, drawn forward, and drawn forward without traced reflections.
+/// Images of the same object drawn deferred, drawn forward, and drawn forward without traced reflections.
 fn compare(app: &mut HeadlessApp, camera: Entity, object: Entity, frames: u32) -> [Picture; 3] {
     change(app, object, |material| {
         material.opaque_render_method = OpaqueRendererMethod::Deferred;
@@ -179,7 +179,7 @@ fn depth_and_hits_agree_far_away_and_in_parallel() {
     }
 }
 
-/// A surface that moves keeps its history, as a deferred one does.
+/// A moving surface keeps its history, as a deferred one does.
 #[test]
 fn moving_forward_surfaces_have_no_more_noise() {
     for (tracer, mut app) in apps(SIZE, Output::Linear) {
@@ -232,7 +232,7 @@ fn forward(material: StandardMaterial) -> StandardMaterial {
     }
 }
 
-/// Glass in front of it wins, a deferred object hides it, and objects that rays don't see get nothing of the surfaces behind them.
+/// Glass in front of it wins, a deferred object hides it, and objects that rays don't see don't reflect for the surfaces behind them.
 #[test]
 fn what_stands_before_a_forward_surface_comes_first() {
     for (tracer, mut app) in apps(SIZE, Output::Linear) {
@@ -255,7 +255,7 @@ fn what_stands_before_a_forward_surface_comes_first() {
         let pane_alone = on(app);
         assert_eq!(with_pane, pane_alone, "{tracer:?}");
         assert!((pane_alone.x - 0.16).abs() < 0.01, "{tracer:?}: {pane_alone}");
-        // Without reflections of its own, it is drawn over those of the metal.
+        // Without reflections of its own, it is drawn over the reflections of the metal.
         set_forward(app, camera, true);
         app.world().get_mut::<RayTracedReflections>(camera).unwrap().transparent = false;
         let under = on(app);
@@ -281,7 +281,7 @@ fn what_stands_before_a_forward_surface_comes_first() {
             ("forward, unlit", forward(unlit(GREEN)), true),
             ("forward, unlit, unknown to rays", forward(unlit(GREEN)), false),
         ] {
-            // 20 mm off the surface, which is 4 m away.
+            // 20 mm in front of the surface, which is 4 m away.
             let object = spawn_mesh(app, Rectangle::new(2.0, 2.0), material, before(3.98));
             if !is_known {
                 app.world().entity_mut(object).insert(NotReflected);
@@ -343,7 +343,8 @@ fn objects_without_a_prepass_cover_reflections() {
     }
 }
 
-/// Switched off, the picture is the one without reflections, bit for bit; without forward objects on the screen, nothing is held.
+/// With reflections off, the image equals the one without reflections bit for bit. Without forward objects on the screen, no
+/// memory is allocated.
 #[test]
 fn without_forward_surfaces_nothing_is_held() {
     for (tracer, mut app) in apps(SIZE, Output::Linear) {
@@ -384,7 +385,7 @@ fn without_forward_surfaces_nothing_is_held() {
     }
 }
 
-/// `deferred_by_default` isn't needed, and probes give way to rays.
+/// `deferred_by_default` isn't needed, and rays replace probes.
 #[test]
 fn an_app_that_draws_everything_forward_has_reflections() {
     for tracer in any_tracer() {
@@ -425,7 +426,7 @@ struct Lacquer {
 
 impl MaterialExtension for Lacquer {}
 
-/// An extension with a plugin that declares it to show no environment.
+/// An extension whose plugin declares that it shows no environment.
 #[derive(Asset, AsBindGroup, Reflect, Clone, Default)]
 struct Toon {
     #[uniform(100)]
@@ -452,7 +453,8 @@ fn halves(app: &HeadlessApp) -> [Vec3; 2] {
     [1, 3].map(|quarter| Vec3::from_slice(&picture[(size.y / 2 * size.x + quarter * size.x / 4) as usize]))
 }
 
-/// Rays add nothing for materials that show no environment, or with an unknown look of their own: stand-ins only describe rays.
+/// Rays add nothing for materials that don't show the environment, or for materials with a stand-in, since stand-ins only describe
+/// surfaces to rays.
 #[test]
 fn materials_without_environment_and_stand_ins_look_as_ever() {
     for tracer in any_tracer() {
@@ -462,7 +464,7 @@ fn materials_without_environment_and_stand_ins_look_as_ever() {
                 MaterialPlugin::<Extended<Toon>>::default(),
                 ReflectedMaterialPlugin::<Extended<Lacquer>>::default(),
                 ReflectedMaterialPlugin::<Extended<Toon>>::without_environment(),
-                // Once more changes nothing.
+                // Adding it twice changes nothing.
                 ReflectedMaterialPlugin::<Extended<Toon>>::default(),
             ));
         }) else {

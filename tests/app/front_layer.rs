@@ -1,4 +1,4 @@
-//! Reflections on glass and water: what is drawn over the opaque picture.
+//! Reflections on glass and water, which are drawn over the opaque image.
 
 use crate::{
     common::app_of,
@@ -27,7 +27,7 @@ const GLASS: f32 = 0.5;
 /// F0 of 0.16, as of no glass, but easily seen.
 const STRONG: f32 = 1.0;
 
-/// Adds to what lies behind it what it reflects.
+/// Adds its reflection to the surfaces behind it.
 fn pane(reflectance: f32, perceptual_roughness: f32) -> StandardMaterial {
     StandardMaterial {
         base_color: Color::NONE,
@@ -38,7 +38,7 @@ fn pane(reflectance: f32, perceptual_roughness: f32) -> StandardMaterial {
     }
 }
 
-/// Covers the picture.
+/// Covers the image.
 fn sheet() -> Rectangle {
     Rectangle::new(40.0, 40.0)
 }
@@ -135,7 +135,7 @@ fn set_material(app: &mut HeadlessApp, object: Entity, material: StandardMateria
     *world.resource_mut::<Assets<StandardMaterial>>().get_mut(id).unwrap() = material;
 }
 
-/// Traced light takes the place of the environment's: a black wall before a pane darkens it in white surroundings.
+/// Traced light replaces the environment's light: a black wall before a pane darkens it in white surroundings.
 #[test]
 fn a_pane_shows_what_is_before_it_in_place_of_the_environment() {
     for (tracer, mut app) in apps(SIZE, Output::Linear) {
@@ -160,7 +160,7 @@ fn a_pane_shows_what_is_before_it_in_place_of_the_environment() {
     }
 }
 
-/// Smoke over glass dims the environment's light on it, which is then not there to be taken away.
+/// Smoke over glass dims the environment's light on it, so less of that light can be removed.
 #[test]
 fn no_light_is_negative_where_glass_is_covered() {
     let apart = WgpuSettings {
@@ -205,7 +205,7 @@ fn no_light_is_negative_where_glass_is_covered() {
     }
 }
 
-/// How much of a red wall each kind of material shows.
+/// The part of a red wall that each kind of material shows.
 #[test]
 fn each_kind_of_material_reflects_as_it_is_blended() {
     for (tracer, mut app) in apps(SIZE, Output::Linear) {
@@ -282,7 +282,7 @@ fn each_kind_of_material_reflects_as_it_is_blended() {
     }
 }
 
-/// The front one of two panes reflects, and none behind something opaque.
+/// The front one of two panes reflects. A pane behind something opaque doesn't.
 #[test]
 fn the_front_most_surface_reflects() {
     for (tracer, mut app) in apps(SIZE, Output::Linear) {
@@ -319,7 +319,7 @@ fn the_front_most_surface_reflects() {
     }
 }
 
-/// Parallel rays, and parts of a picture, of which each camera has a layer of its own.
+/// Parallel rays, and parts of an image, with a layer for each camera.
 #[test]
 fn orthographic_cameras_and_split_screens_have_layers() {
     for (tracer, mut app) in apps(SIZE, Output::Linear) {
@@ -369,7 +369,8 @@ fn orthographic_cameras_and_split_screens_have_layers() {
     }
 }
 
-/// Switched off, the picture is the one without reflections, bit for bit; nothing is held either way while nothing is see-through.
+/// With reflections off, the image equals the one without reflections bit for bit. While nothing is see-through, no memory is
+/// allocated, on or off.
 #[test]
 fn nothing_see_through_costs_nothing() {
     for (tracer, mut app) in apps(SIZE, Output::Linear) {
@@ -474,8 +475,8 @@ fn faces(app: &mut HeadlessApp) -> Handle<Image> {
     app.world().resource_mut::<Assets<Image>>().add(image)
 }
 
-/// Over black, a pane in a reflection probe adds what rays see and nothing of the probe, wherever in its box, with the camera's map or
-/// without.
+/// Over black, a pane in a reflection probe adds the light of rays and no light of the probe, anywhere in its box, with and without
+/// the camera's map.
 #[test]
 fn probes_give_way_to_rays() {
     for (tracer, mut app) in apps(SIZE, Output::Linear) {
@@ -529,7 +530,7 @@ fn probes_give_way_to_rays() {
     }
 }
 
-/// A quarter of the picture takes a quarter of the memory, but for the normals, which Bevy's prepass shares.
+/// A quarter of the image takes a quarter of the memory, except for the normals, which Bevy's prepass shares.
 #[test]
 fn a_layer_is_as_large_as_its_viewport() {
     for (tracer, mut app) in apps(SIZE, Output::Linear) {

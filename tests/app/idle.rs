@@ -1,4 +1,4 @@
-//! Cameras that see nothing to reflect on rest, and wake when they do.
+//! Cameras without a reflecting surface in view rest, and wake up when one appears.
 
 use crate::{
     common::app,
@@ -13,10 +13,10 @@ use bevy_glint::{
 use core::f32::consts::PI;
 use glint_scenes::{HeadlessApp, Output, SceneName};
 
-/// White, where metal without its environment's light would be black.
+/// White, so that metal without its environment's light would be black.
 const SURROUNDINGS: SceneName = SceneName::Furnace;
 
-/// A metal wall that fills the picture of a camera three metres before it.
+/// A metal wall that fills the image of a camera three metres before it.
 fn spawn_wall(app: &mut HeadlessApp, perceptual_roughness: f32, at: Transform) -> Entity {
     spawn_mesh(app, wall(), metal(perceptual_roughness), at)
 }
@@ -62,7 +62,7 @@ fn until_one_rests(app: &mut HeadlessApp) {
     panic!("after 30 frames: {:?}", report(app));
 }
 
-/// Renders some frames, in all of which so many cameras rest.
+/// Renders some frames and asserts that this number of cameras rests in each of them.
 #[track_caller]
 fn expect_resting(app: &mut HeadlessApp, what: &str, frames: u32, resting: usize) {
     for number in 0..frames {

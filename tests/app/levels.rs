@@ -23,7 +23,7 @@ use bevy_glint::{
 };
 use glint_scenes::{HeadlessApp, HeadlessSettings, Output, SceneName, is_alone};
 
-/// Objects of a level, each with a mesh, a material and an image of its own.
+/// Objects of a level. Each has its own mesh, material and image.
 const OBJECTS: usize = 40;
 const ROUNDS: usize = 50;
 
@@ -160,7 +160,7 @@ fn levels_that_go_give_everything_back() {
     }
 }
 
-/// Most objects of a crowd go, and the one that came last stays. No table remains as long as the crowd was.
+/// Most objects of a crowd are removed, and the last one added stays. No table stays as long as it was for the crowd.
 #[test]
 fn the_last_of_many_objects_keeps_no_table_long() {
     const CROWD: usize = 10_000;
@@ -209,10 +209,11 @@ fn the_last_of_many_objects_keeps_no_table_long() {
     }
 }
 
-/// Trees that are merged while a level takes the start of the buffer lie behind it. They must not keep the buffer large once it is gone.
+/// Trees that are merged while a level uses the start of the buffer lie behind that level. They must not keep the buffer large once the
+/// level is gone.
 #[test]
 fn a_tree_merged_behind_a_level_lets_the_buffer_shrink() {
-    // The other tracer merges nothing.
+    // The other tracer doesn't merge.
     let Some(mut app) = app(SIZE / 4, Output::Picture, ReflectionTracerChoice::Bvh) else {
         return;
     };
@@ -221,7 +222,7 @@ fn a_tree_merged_behind_a_level_lets_the_buffer_shrink() {
     let (_, [geometry, bvh, bytes]) = inventory(app);
     let mut level = spawn_level(app);
     until_loaded(app);
-    // The object leaves its merged tree, and comes to rest. The level doesn't, and takes the room of that tree.
+    // The object leaves its merged tree, and becomes static again. The level doesn't, and takes the space of that tree.
     app.world().get_mut::<Transform>(object).unwrap().translation.x += 0.01;
     for merged in [0, 1] {
         for _ in 0..PATIENCE {
@@ -257,7 +258,7 @@ fn a_tree_merged_behind_a_level_lets_the_buffer_shrink() {
     assert!(after[2] <= 2 * bytes, "{} bytes of buffers, {bytes} before", after[2]);
 }
 
-/// The next level is loaded before the last one goes, so that it lies behind it. It must not keep the buffers large either.
+/// The next level is loaded before the last one is removed, so it lies behind it. It must not keep the buffers large either.
 #[test]
 fn a_level_that_was_loaded_behind_another_lets_the_buffers_shrink() {
     const LATE: usize = 3;
@@ -305,7 +306,7 @@ fn app_with_layers() -> Option<HeadlessApp> {
     app_of(settings, ReflectionTracerChoice::Bvh, |_| {}, |_| {})
 }
 
-/// Layers without memory show plain colours, and are asked for again.
+/// Layers without memory show plain colours, and are requested again.
 #[test]
 fn textures_without_memory_get_some_later() {
     if !is_alone("levels::textures_without_memory_get_some_later") {
@@ -334,7 +335,7 @@ fn textures_without_memory_get_some_later() {
     assert!(found, "the texture never came");
 }
 
-/// A texture for which there is no place gets one once another texture goes.
+/// A texture without space gets some once another texture is removed.
 #[test]
 fn a_texture_without_a_place_gets_one_later() {
     // Copies in layers; a device has at least this number of them.

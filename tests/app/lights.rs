@@ -47,7 +47,7 @@ fn lights_without_bits_shine_and_cast_shadows() {
             );
         }
         spawn_lights(&mut app);
-        // Traces and shades in one pass, which needs no bits.
+        // Traces and shades in one pass, which doesn't need bits.
         reflect(&mut app, camera, ReflectionTechnique::Converged);
         app.step(8);
         let expected = app.capture().unwrap();
@@ -58,7 +58,7 @@ fn lights_without_bits_shine_and_cast_shadows() {
     }
 }
 
-/// More lights than reflections can have: the strong ones are among those that are kept, whatever kind they are of.
+/// More lights than reflections support: the strong ones are kept, whatever their kind.
 #[test]
 fn a_crowd_of_faint_lights_keeps_no_strong_one_out() {
     let Some(mut app) = app(SIZE, Output::Picture, ReflectionTracerChoice::Bvh) else {

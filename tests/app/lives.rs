@@ -73,7 +73,7 @@ fn a_camera_that_draws_every_other_frame_reflects(app: &mut HeadlessApp, tracer:
         retain(app, retention);
         spawn_scene(app);
         let monitor = spawn_reflecting(app);
-        // Another one, which sees nothing, keeps the scene.
+        // Another camera, which sees nothing, keeps the scene.
         let away = BEFORE_THE_MIRROR.with_translation(Vec3::new(0.0, 500.0, 0.0));
         let main = spawn_camera(app, away, SceneName::Furnace);
         app.world().entity_mut(main).insert(plain());
@@ -156,7 +156,7 @@ fn a_frame_without_a_camera_loses_nothing(app: &mut HeadlessApp, tracer: Reflect
         let differing = differing_pixels(&picture, &app.capture().unwrap(), 1);
         assert_eq!(differing, 0, "{tracer:?}: after {frames} frames");
     }
-    // What changes meanwhile is seen in the first frame.
+    // Changes in the meantime are visible in the first frame.
     activate(app, camera, false);
     frame(app);
     let added = spawn_mesh(
@@ -246,7 +246,7 @@ fn images_of_rates_can_take_turns(app: &mut HeadlessApp, tracer: ReflectionTrace
 }
 
 fn cameras_that_reflect_later_have_the_hook_already(app: &mut HeadlessApp, tracer: ReflectionTracerChoice) {
-    // Both pictures come from the same pipelines of Bevy's: nothing has to be compiled anew when reflections come or go.
+    // Both images come from the same Bevy pipelines: no pipeline is recompiled when reflections come or go.
     spawn_scene(app);
     let camera = spawn_camera(app, BEFORE_THE_MIRROR, SceneName::Furnace);
     app.world()

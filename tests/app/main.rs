@@ -1,4 +1,4 @@
-//! Apps that reflect: pictures, reports, the panel, examples, and the README as a new user follows it.
+//! Apps that reflect: images, reports, the panel, examples, and the README as a new user follows it.
 
 #[path = "../common/mod.rs"]
 mod common;

@@ -1,4 +1,4 @@
-//! More lights than hits go through one by one: some are drawn, and the mean is the light of all.
+//! More lights than hits evaluate one by one: some are sampled, and the mean is the light of all.
 
 use crate::{
     common::{app, app_with},
@@ -14,7 +14,7 @@ use bevy::{
 use bevy_glint::{RayTracedReflections, ReflectionTechnique, ReflectionTracerChoice};
 use glint_scenes::{HeadlessApp, Output, SceneName};
 
-/// Halves of the lights, each of which hits still evaluate one by one.
+/// Halves of the lights. Hits still evaluate each half one by one.
 const HALF: usize = 240;
 const COLORS: [Color; 3] = [
     Color::linear_rgb(1.0, 0.2, 0.1),
@@ -22,7 +22,7 @@ const COLORS: [Color; 3] = [
     Color::linear_rgb(0.1, 0.3, 1.0),
 ];
 
-/// A room behind the camera, which the mirror before it shows, with things that cast shadows.
+/// A room behind the camera, which the mirror before it shows, with objects that cast shadows.
 fn spawn_room(app: &mut HeadlessApp, mirror_roughness: f32) -> Entity {
     spawn_mesh(app, wall(), metal(mirror_roughness), Transform::IDENTITY);
     let camera = spawn_camera(app, BEFORE_THE_MIRROR, SceneName::MirrorRoom);
@@ -90,7 +90,7 @@ fn light_of(app: &mut HeadlessApp, lights: &[Vec<Entity>; 2], shining: [bool; 2]
         .collect()
 }
 
-/// Light adds up: that of half of the lights, through which hits go, and that of the other half.
+/// Light adds up: the sum of both halves, evaluated one by one, is the light of all.
 #[test]
 fn drawn_lights_bring_the_light_of_all() {
     for (tracer, mut app) in apps(SIZE, Output::Linear) {
@@ -170,7 +170,7 @@ fn spawn_street(app: &mut HeadlessApp) -> Entity {
     spawn_camera(app, eye, SceneName::MirrorRoom)
 }
 
-/// So many lamps along the street, which share their light.
+/// This number of lamps along the street. They share its light.
 fn spawn_lamps(app: &mut HeadlessApp, count: usize, shadow_maps_enabled: bool) -> Vec<Entity> {
     let spawn = |index: usize| {
         let part = (index as f32 + 0.5) / count as f32;
@@ -214,7 +214,7 @@ fn ten_thousand_lights_take_at_most_twice_the_time_of_ten() {
     let camera = spawn_street(app);
     reflect(app, camera, ReflectionTechnique::Reference);
     let mut least = [f64::INFINITY; 2];
-    // The least times come down to the true ones, later where something else keeps the device busy.
+    // The shortest times approach the true ones, later if something else keeps the device busy.
     for round in 0..12 {
         for (count, least) in [10, 10_000].into_iter().zip(&mut least) {
             let lamps = spawn_lamps(app, count, false);
@@ -242,7 +242,7 @@ fn ten_thousand_lights_take_at_most_twice_the_time_of_ten() {
     assert!(many < 2.0 * ten, "{many} ms instead of {ten} ms");
 }
 
-/// Up to 256 lights nothing is drawn, so that shaders and pictures are as they were: a single frame has no noise.
+/// Up to 256 lights are evaluated one by one, so shaders and images don't change: a single frame has no noise.
 #[test]
 fn up_to_256_lights_none_is_drawn() {
     let Some(mut app) = app(SIZE, Output::Linear, ReflectionTracerChoice::Bvh) else {

@@ -85,7 +85,7 @@ fn water(color: [u8; 3]) -> Water {
     }
 }
 
-/// Asserts that the mirror shows a colour, or none of red, green and blue.
+/// Asserts that the mirror shows a colour, or neither red, green nor blue.
 #[track_caller]
 fn assert_shows(app: &mut HeadlessApp, what: &str, color: Option<[u8; 3]>) {
     warm_up(app);

@@ -10,7 +10,7 @@ use core::time::Duration;
 use glint_scenes::{HeadlessApp, Output, SceneName, is_alone};
 use std::time::Instant;
 
-/// Longer than until the device is asked again, with some time for copies and builds.
+/// Longer than the interval at which the device is queried, with some time for copies and builds.
 const PATIENCE: Duration = Duration::from_secs(30);
 
 fn is_red(app: &mut HeadlessApp) -> bool {
@@ -21,7 +21,7 @@ fn front_layer_bytes(app: &mut HeadlessApp) -> u64 {
     report(app).view_memory.iter().map(|view| view.front_layer_bytes).sum()
 }
 
-/// Renders until something is true; panics where it never is.
+/// Renders until a condition is true, and panics if it never is.
 #[track_caller]
 fn until(app: &mut HeadlessApp, what: &str, mut is: impl FnMut(&mut HeadlessApp) -> bool) {
     let begin = Instant::now();
@@ -101,7 +101,7 @@ fn what_the_device_had_no_memory_for_comes_once_it_has_some() {
     }
 }
 
-/// The least brightness of any channel in the middle of the picture.
+/// The lowest brightness of any channel in the middle of the image.
 fn darkest(app: &mut HeadlessApp) -> u8 {
     let middle = 4 * (SIZE.y / 2 * SIZE.x + SIZE.x / 2) as usize;
     app.capture().unwrap()[middle..middle + 3]
@@ -128,7 +128,7 @@ fn a_view_without_memory_keeps_the_environment_map() {
         assert!(bright > 100, "{tracer:?}: {bright}");
         refuse_memory(&device, true);
         app.world().get_mut::<RayTracedReflections>(camera).unwrap().technique = ReflectionTechnique::Quarter;
-        // Long enough for the device to be asked again.
+        // Long enough for the device to be queried again.
         let begin = Instant::now();
         let (mut frames, mut refused) = (0, 0);
         while begin.elapsed() < Duration::from_secs(7) {

@@ -1,4 +1,4 @@
-//! Static objects are merged into trees in world space, which must not be visible.
+//! Static objects are merged into trees in world space, and merging must not be visible.
 
 use crate::{
     common::app,
@@ -31,7 +31,7 @@ fn merging_is_not_seen() {
     assert!(merged.merge_builds >= 1 && merged.merged_triangles > 0, "{merged:?}");
     assert_flip("merged", SIZE, &first, &app.capture().unwrap(), 0.002);
 
-    // A still scene stays as it is.
+    // A static scene stays unchanged.
     app.step(20);
     assert_eq!(report(&mut app), merged);
 
@@ -190,7 +190,7 @@ impl Subject {
     }
 }
 
-/// Micromaps, and trees without cut-out triangles, show the same as the texture alone.
+/// Micromaps, and trees without cut-out triangles, look the same as the texture alone.
 #[test]
 fn micromaps_are_not_seen() {
     let Some(mut app) = app(SIZE, Output::Picture, ReflectionTracerChoice::Bvh) else {
@@ -255,7 +255,7 @@ fn cut_outs_follow_material_and_mesh() {
         warm_up(app);
         assert_flip(what, SIZE, expected, &app.capture().unwrap(), 0.002);
     };
-    // Waits longer with each change, so it is done where the masks themselves differ.
+    // Each change waits longer, so this is checked where the masks themselves differ.
     let check_merged = |app: &mut HeadlessApp, what: &str, expected: &[u8]| {
         let merged = until_at_rest(app);
         assert_eq!(merged.merged_instances, merged.instances, "{what}");

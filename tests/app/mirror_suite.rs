@@ -1,5 +1,5 @@
-//! The mirror suite: a scene in a perfect mirror looks like the same scene to the mirrored camera, whatever is in it. The manual's table
-//! of what is reflected (`src/manual/interactions.md`) has a line for each row.
+//! The mirror suite: a scene in a perfect mirror looks like the same scene to the mirrored camera, whatever the scene contains. The
+//! manual's table of reflected features (`src/manual/interactions.md`) has a line for each row.
 
 mod haze;
 mod light;
@@ -25,17 +25,18 @@ use bevy::{
 use bevy_glint::{RayTracedReflections, ReflectionTechnique};
 use glint_scenes::{HeadlessApp, Output, SceneName};
 
-/// Mean FLIP up to which both pictures are the same ...
+/// Mean FLIP up to which both images are the same ...
 const LIMIT: f32 = 0.01;
-/// ... and so many levels: FLIP sees single ones of 255 in smooth skies and on walls in coloured light, where rounding decides on them ...
+/// ... and maximum number of levels: FLIP sees single ones of 255 in smooth skies and on walls in coloured light, where they depend on
+/// rounding ...
 const LEVELS: u8 = 3;
-/// ... but for so many pixels, on edges.
+/// ... except for this number of pixels, on edges.
 const EDGES: usize = 4;
 
 const FOG: Color = Color::linear_rgb(0.1, 0.3, 0.2);
 const SUN: Vec3 = Vec3::new(0.5, -0.2, 1.0);
 
-/// A feature, and what has it.
+/// A feature, and a function that adds it.
 type Row = (&'static str, fn(&mut Stage));
 
 const ROWS: [Row; 26] = [
@@ -149,7 +150,7 @@ const ROWS: [Row; 26] = [
         stage.bake(&image);
     }),
     ("coloured glass", |stage| {
-        // Rough glass blurs what lies behind it, and reflects: in Bevy's picture alone.
+        // Rough glass blurs the surfaces behind it, and reflects: in Bevy's image only.
         stage.dress(ScreenSpaceTransmission::default());
         let base_color_texture = Some(stage.checkers([255, 160, 60, 255], [90, 255, 200, 255], true));
         stage.light_and_spawn(StandardMaterial {
@@ -161,7 +162,7 @@ const ROWS: [Row; 26] = [
         });
     }),
     ("glass with thickness, index and absorption", |stage| {
-        // Only at lower resolutions do mirrors have rays of their own.
+        // Only at lower resolutions do mirrors have their own rays.
         stage.technique = ReflectionTechnique::Quarter;
         stage.own_rays = true;
         stage.spawn_thick_glass();
@@ -193,7 +194,7 @@ const ROWS: [Row; 26] = [
         );
     }),
     ("glow of fog around the sun", |stage| {
-        // The fog before the mirror glows, too: as much as that behind it, where the light comes from the side.
+        // The fog before the mirror glows as much as the fog behind it, if light comes from the side.
         stage.sun = Vec3::new(1.0, -0.2, 0.0);
         stage.spawn_in_fog(
             FogFalloff::Exponential { density: 0.1 },
@@ -219,7 +220,7 @@ fn blue() -> StandardMaterial {
     }
 }
 
-/// A camera before a mirror that fills its view, and what stands behind the camera.
+/// A camera before a mirror that fills its view, and the objects behind the camera.
 struct Stage<'a> {
     app: &'a mut HeadlessApp,
     camera: Entity,
@@ -227,16 +228,16 @@ struct Stage<'a> {
     spawned: Vec<Entity>,
     material: StandardMaterial,
     fog_color: Color,
-    /// How the picture in the mirror is traced, and in how many frames.
+    /// Technique for the image in the mirror, and its number of frames.
     technique: ReflectionTechnique,
     /// Exact mirrors have rays of their own.
     own_rays: bool,
-    /// Hits of a ray, with what each reflects.
+    /// Number of hits of a ray, each with its own reflection.
     bounces: u32,
-    /// A second mirror, in which the first one shows what it does.
+    /// A second mirror, in which the first one shows the scene.
     second: Option<Entity>,
     frames: u32,
-    /// Direction of the light. Without another it comes from behind the mirror, and doesn't shine on that.
+    /// Direction of the light. The default comes from behind the mirror and doesn't light it.
     sun: Vec3,
 }
 
@@ -279,7 +280,7 @@ impl<'a> Stage<'a> {
         self.app.world().entity_mut(self.camera).insert(bundle);
     }
 
-    /// Things of one material behind the camera, which turn their fronts to the mirror, near and far.
+    /// Objects of one material behind the camera, near and far, with their fronts towards the mirror.
     fn spawn(&mut self, material: StandardMaterial) {
         let white = StandardMaterial {
             base_color: Color::WHITE,
@@ -308,7 +309,7 @@ impl<'a> Stage<'a> {
         }
     }
 
-    /// The same in the sun.
+    /// Like `spawn`, with sunlight.
     fn light_and_spawn(&mut self, material: StandardMaterial) {
         self.add((
             DirectionalLight {
@@ -360,14 +361,14 @@ impl<'a> Stage<'a> {
         }
     }
 
-    /// A sheet that turns its back to the mirror; without tangents, with which Bevy would not turn its normals.
+    /// A sheet with its back towards the mirror, without tangents. With tangents Bevy would not turn its normals.
     fn turn_a_back(&mut self, material: StandardMaterial) {
         let at = Transform::from_xyz(0.6, 1.6, 7.5).with_rotation(Quat::from_rotation_y(0.3));
         let entity = spawn_mesh(self.app, Rectangle::new(1.6, 1.6), material, at);
         self.spawned.push(entity);
     }
 
-    /// Gives what was spawned a part of a lightmap.
+    /// Gives the spawned objects a part of a lightmap.
     fn bake(&mut self, image: &Handle<Image>) {
         let world = self.app.world();
         for &entity in &self.spawned {
@@ -418,7 +419,7 @@ impl<'a> Stage<'a> {
         self.app.capture().unwrap()
     }
 
-    /// The picture in the mirror.
+    /// The image in the mirror.
     fn in_the_mirror(&mut self) -> Vec<u8> {
         reflect(self.app, self.camera, self.technique);
         if self.own_rays || self.bounces > 1 {
@@ -431,7 +432,7 @@ impl<'a> Stage<'a> {
         self.capture()
     }
 
-    /// The picture of the mirrored camera, mirrored back unless two mirrors did that.
+    /// The image of the mirrored camera, mirrored back unless two mirrors did that.
     fn by_the_mirrored_camera(&mut self) -> Vec<u8> {
         let behind = Transform::from_translation(-BEFORE_THE_MIRROR.translation).looking_to(Vec3::Z, Vec3::Y);
         self.dress(if self.second.is_some() {
@@ -444,7 +445,7 @@ impl<'a> Stage<'a> {
         for mirror in [Some(self.mirror), self.second].into_iter().flatten() {
             world.entity_mut(mirror).insert(Visibility::Hidden);
         }
-        // Nothing reflects, so that only Bevy's own pipelines and textures are awaited.
+        // Nothing reflects, so only Bevy's own pipelines and textures are awaited.
         self.app.warm_up(PATIENCE).unwrap();
         let picture = self.capture();
         self.app.world().entity_mut(self.mirror).insert(Visibility::Visible);
@@ -460,10 +461,10 @@ impl<'a> Stage<'a> {
             .collect()
     }
 
-    /// Pixels in which the mirror before nothing but a reflection probe differs from Bevy's own picture of it. Those are all coloured, and of
-    /// dim colours FLIP sees single levels: so levels are counted.
+    /// Pixels in which a mirror with only a reflection probe around it differs from Bevy's own image of it. They all have a colour, and
+    /// FLIP sees single levels of dim colours, so levels are counted.
     fn miss_within_a_probe(&mut self) -> usize {
-        // Bevy adds ambient light to what a mirror shows, and reflections take its place.
+        // Bevy adds ambient light to the colour of a mirror, and reflections replace that light.
         self.dress(AmbientLight {
             brightness: 0.0,
             ..default()

@@ -111,7 +111,7 @@ fn a_mirror_shows_shadows_if_shadow_rays_are_on() {
     let app = &mut app;
     spawn_mesh(app, wall(), metal(0.0), Transform::IDENTITY);
     let camera = spawn_camera(app, BEFORE_THE_MIRROR, SceneName::MirrorRoom);
-    // Its back is seen, which shows the light that falls on it.
+    // Its back is visible, and shows the light that falls on it.
     let turned = Transform::from_xyz(0.0, 0.0, 8.0);
     let white = StandardMaterial {
         double_sided: true,
@@ -158,6 +158,6 @@ fn a_mirror_shows_shadows_if_shadow_rays_are_on() {
     let all = lit.iter().filter(|light| is_lit(**light)).count();
     println!("{dark} pixels in shadow, {same} as before, of {all}");
     assert!(dark > 50 && same > 500, "{dark} pixels in shadow, {same} as before");
-    // Edges are sharp: no pixel lies between.
+    // Edges are sharp, without pixels in between.
     assert!(all - dark - same <= all / 100, "{dark} and {same} of {all}");
 }

@@ -1,4 +1,4 @@
-//! The README as a new user follows it: an empty folder, the dependencies and the code that it gives, and nothing else.
+//! The README as a new user follows it: an empty folder with the dependencies and the code from the README, and nothing else.
 //!
 //! Two differences from a real user make it a test. Bevy comes with the features of this workspace instead of its default ones, since all
 //! of it would be compiled again otherwise; and `DefaultPlugins` becomes the same plugins without a window, with a mirror in front of the
@@ -187,7 +187,7 @@ fn dependency(line: &str) -> String {
     }
 }
 
-/// The README's code with the one word replaced that opens a window.
+/// The README's code, with the word that opens a window replaced.
 fn main_file() -> String {
     let code = block("rust", "fn main()");
     assert!(
@@ -246,7 +246,7 @@ fn make(folder: &Path) {
     .into_iter()
     .filter_map(|(on, name)| on.then_some(name))
     .collect();
-    // Both lists can request features of the same crate, which then needs two names.
+    // Both lists can request features of the same crate. That crate then needs two names.
     let rename = |line: &str| match line.split_once(" = { ") {
         Some((name, rest)) => format!("unified_{name} = {{ package = {name:?}, {rest}"),
         None => line.to_owned(),
@@ -289,7 +289,7 @@ fn build(folder: &Path, name: &str) -> (PathBuf, f64) {
         // The shell measures the time of its child.
         cargo.args(["-c", "\"$@\" && times", "sh"]).arg(program);
     }
-    // Bevy builds with compilers that are older than the one it names.
+    // Bevy builds with older compilers than its manifest requires.
     cargo
         .args([
             "build",
@@ -320,7 +320,8 @@ fn build(folder: &Path, name: &str) -> (PathBuf, f64) {
     (program, cpu_seconds(&String::from_utf8_lossy(&output.stdout)))
 }
 
-/// User and system time of children, by the shell's `times`: `0m0.01s 0m0.00s` of its own, then `1m2.50s 0m3.25s` of theirs.
+/// User and system time of children from the shell's `times`. Its first line is for the shell itself (`0m0.01s 0m0.00s`), and the second
+/// one for its children (`1m2.50s 0m3.25s`).
 fn cpu_seconds(times: &str) -> f64 {
     let seconds = |word: &str| {
         let (minutes, seconds) = word.trim_end_matches('s').split_once('m')?;
@@ -330,8 +331,8 @@ fn cpu_seconds(times: &str) -> f64 {
     last.split_whitespace().filter_map(seconds).sum()
 }
 
-/// Runs a program to its end, with its output in the file `log`; returns the output. The test fails if the program does, or if it takes
-/// too long; `what` begins the sentence.
+/// Runs a program to its end, with its output in the file `log`, and returns the output. The test fails if the program fails or takes too
+/// long. `what` begins the failure message.
 #[track_caller]
 fn run(what: &str, command: &mut Command, log: &Path) -> String {
     let output = File::create(log).expect("a log can be written");
@@ -443,7 +444,7 @@ fn a_new_app_grows() {
     assert!(program > plain && all > app);
 }
 
-/// The two tests that build crates are ignored, so nothing else notices a manifest that Cargo refuses.
+/// The two tests that build crates are ignored, so no other test notices a manifest that Cargo rejects.
 #[test]
 fn cargo_takes_the_manifests_of_a_new_app() {
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("new_user_manifests");
@@ -466,7 +467,7 @@ fn a_new_app_reflects() {
         return;
     }
     let game = folder.join(NAME);
-    // It ends by itself once it has taken its picture.
+    // It exits once it has saved its image.
     let said = run(
         "the app",
         Command::new(program).current_dir(&game),

@@ -52,14 +52,14 @@ impl<T> Screen<T> {
         self.0.run_steps(5);
     }
 
-    /// The widgets that show a text; the one that is drawn last comes last.
+    /// The widgets that show a text, in drawing order.
     fn all<'a>(&'a self, text: &'a str) -> Vec<Node<'a>> {
         let shows =
             move |node: &AccessKitNode<'_>| [node.label(), node.value()].iter().flatten().any(|shown| shown == text);
         self.0.query_all_by(shows).collect()
     }
 
-    /// A widget by its text; of several the one on top.
+    /// Finds a widget by its text; if there are several, the top one.
     #[track_caller]
     fn find<'a>(&'a self, text: &'a str) -> Node<'a> {
         let found = self.all(text).pop();

@@ -1,4 +1,4 @@
-//! Renders scenes and compares pictures.
+//! Renders scenes and compares images.
 
 use crate::common::app;
 use bevy::{
@@ -18,8 +18,8 @@ pub const PIXELS_PER_DEGREE: f32 = 55.4;
 /// Limit of frames for loading, compiling and building.
 pub const PATIENCE: u32 = 20_000;
 
-/// Few triangles and texels, for tests that compare a scene with itself: a CPU takes longer to bake and to draw fine ones than to
-/// trace all rays.
+/// Few triangles and texels, for tests that compare a scene with itself: a CPU takes longer to bake and draw fine ones than to trace
+/// all rays.
 pub const COARSE: SceneOptions = SceneOptions {
     detail: 0.25,
     texture_size: 64,
@@ -30,8 +30,8 @@ pub const BOTH: [ReflectionTracerChoice; 2] = [ReflectionTracerChoice::RayQuery,
 /// Environment variable with the tracer of tests that any tracer can run: `bvh` (the default), `ray-query` or `all`.
 const TRACER: &str = "GLINT_TEST_TRACER";
 
-/// Tracers for a test of what happens before or after rays: the BVH, since `tests/shaders/tracer` compares both ray by ray. The long
-/// tests of `cargo xtask test --all` repeat it with ray queries.
+/// Tracers for a test of steps before or after tracing: only the BVH, since `tests/shaders/tracer` compares both ray by ray. The
+/// long tests of `cargo xtask test --all` repeat it with ray queries.
 pub fn any_tracer() -> impl Iterator<Item = ReflectionTracerChoice> {
     let word = env::var(TRACER).unwrap_or_else(|_| "bvh".to_owned());
     if word == "bvh" {
@@ -41,18 +41,18 @@ pub fn any_tracer() -> impl Iterator<Item = ReflectionTracerChoice> {
     BOTH.into_iter().filter(is_chosen)
 }
 
-/// Apps for a test of what happens before or after rays, one after the other; see [`any_tracer`].
+/// Apps for a test of steps before or after tracing, one after the other; see [`any_tracer`].
 pub fn apps(size: UVec2, output: Output) -> impl Iterator<Item = (ReflectionTracerChoice, HeadlessApp)> {
     any_tracer().filter_map(move |tracer| Some((tracer, app(size, output, tracer)?)))
 }
 
-/// An app for each tracer that this machine has, one after the other: for tests of what rays hit.
+/// An app for each tracer that this machine supports, one after the other: for tests of ray hits.
 pub fn apps_of_both(size: UVec2, output: Output) -> impl Iterator<Item = (ReflectionTracerChoice, HeadlessApp)> {
     BOTH.into_iter()
         .filter_map(move |tracer| Some((tracer, app(size, output, tracer)?)))
 }
 
-/// Makes shadow maps coarse, for pictures that differ in their reflections alone: a CPU takes longer to draw fine ones than to trace
+/// Makes shadow maps coarse, for images that differ only in their reflections: a CPU takes longer to draw fine ones than to trace
 /// all rays. Reflections trace shadow rays instead.
 pub fn use_coarse_shadow_maps(app: &mut HeadlessApp) {
     let world = app.world();
@@ -111,7 +111,7 @@ pub fn warm_up(app: &mut HeadlessApp) {
     panic!("not ready: {}", app.world().resource::<ReflectionStatus>().report());
 }
 
-/// Mean FLIP of two RGBA pictures. If it is above `limit`, both and the error map are written and the test fails.
+/// Returns the mean FLIP of two RGBA images. If it is above `limit`, both images and the error map are written and the test fails.
 pub fn assert_flip(name: &str, size: UVec2, expected: &[u8], actual: &[u8], limit: f32) -> f32 {
     let mean = flip(size, expected, actual).0;
     println!("{name}: mean FLIP {mean:.5}, at most {limit}");
@@ -122,7 +122,7 @@ pub fn assert_flip(name: &str, size: UVec2, expected: &[u8], actual: &[u8], limi
     mean
 }
 
-/// Mean FLIP of two RGBA pictures and its map, one value for each pixel.
+/// Mean FLIP of two RGBA images and its map, one value for each pixel.
 pub fn flip(size: UVec2, expected: &[u8], actual: &[u8]) -> (f32, Vec<f32>) {
     let map = nv_flip::flip(image(size, expected), image(size, actual), PIXELS_PER_DEGREE);
     let mean = nv_flip::FlipPool::from_image(&map).mean();
@@ -137,7 +137,7 @@ fn image(size: UVec2, rgba: &[u8]) -> nv_flip::FlipImageRgb8 {
     nv_flip::FlipImageRgb8::with_data(size.x, size.y, &rgb)
 }
 
-/// Writes pictures for people to look at; returns the folder.
+/// Writes images for people to look at, and returns their folder.
 pub fn dump(name: &str, size: UVec2, expected: &[u8], actual: &[u8]) -> PathBuf {
     let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR"));
     for (suffix, bytes) in [("expected", expected), ("actual", actual)] {
@@ -164,7 +164,7 @@ pub fn red_pixels(picture: &[u8]) -> usize {
     picture.chunks_exact(4).filter(is_red).count()
 }
 
-/// Columns of a picture of some width.
+/// Columns of an image of this width.
 pub fn crop(picture: &[u8], width: u32, columns: Range<usize>) -> Vec<u8> {
     let lines = picture.chunks_exact(4 * width as usize);
     lines

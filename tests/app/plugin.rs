@@ -55,7 +55,7 @@ fn a_renderer_without_a_device_is_no_error() {
     app.update();
 }
 
-/// Systems of ours that may run in either order and touch the same data would make frames differ.
+/// Our systems must not touch the same data in an undefined order, because frames would differ.
 #[test]
 fn no_system_order_is_left_to_chance() {
     let without = ambiguities(|_| {});
@@ -72,11 +72,11 @@ fn no_system_order_is_left_to_chance() {
     }
 }
 
-/// What passes draw into. Bevy's ambiguities don't know of it, since passes only record commands.
+/// The target of passes. Bevy's ambiguity check doesn't see it, since passes only record commands.
 #[derive(Resource)]
 struct Frame;
 
-/// Systems that stand where passes do, and say that they draw.
+/// Systems in the place of passes, which declare that they draw.
 #[test]
 fn passes_run_in_an_order_that_is_declared() {
     let found = ambiguities(|app| {
@@ -89,7 +89,7 @@ fn passes_run_in_an_order_that_is_declared() {
             Core3d,
             (
                 ours.in_set(ReflectionSystems::FrontLayerPasses),
-                // As Bevy has volumetric fog.
+                // As Bevy's volumetric fog does.
                 fog.after(Core3dSystems::MainPass)
                     .before(Core3dSystems::EarlyPostProcess),
             ),
@@ -131,7 +131,7 @@ fn names(sets: &[ReflectionSystems]) -> Vec<String> {
     [format!("before {:?}", sets[0])].into_iter().chain(after).collect()
 }
 
-/// Names in the order in which systems of an app ran.
+/// Names of an app's systems in the order in which they ran.
 #[derive(Clone, Default)]
 struct Order(Arc<Mutex<Vec<String>>>);
 
@@ -142,7 +142,7 @@ impl Order {
     }
 }
 
-/// Adds systems around all sets of the plugin, each of which notes its name.
+/// Adds systems around all sets of the plugin. Each of them records its name.
 fn add_systems_around_sets(app: &mut App, notes: &Order) {
     let Some(render_app) = app.get_sub_app_mut(RenderApp) else {
         return;
@@ -189,7 +189,7 @@ fn systems_of_an_app_run_before_and_after_those_of_the_plugin() {
     }
 }
 
-/// Systems that may run in either order, and the data that both touch, by schedule.
+/// Pairs of systems with an undefined order, and the data that both touch, by schedule.
 fn ambiguities(add: impl FnOnce(&mut App)) -> Option<HashMap<(bool, InternedScheduleLabel), Vec<String>>> {
     let mut app = App::new();
     app.add_plugins(

@@ -27,15 +27,15 @@ use bevy_glint::{
 use core::f32::consts::{FRAC_PI_2, TAU};
 use glint_scenes::{HeadlessApp, Output, SceneName};
 
-/// Mean FLIP of two pictures that show the same: single pixels at edges differ by the rounding of vertices.
+/// Mean FLIP of two equal images: single pixels at edges differ by the rounding of vertices.
 const SAME: f32 = 0.0005;
-/// Mean FLIP of pictures that show another pose, at least.
+/// Minimum mean FLIP of images with different poses.
 const OTHER: f32 = 0.02;
 
 const SIDES: usize = 16;
 const RINGS: usize = 20;
 const LENGTH: f32 = 4.0;
-/// The place at which the two bones of an arm meet, half of the arm up.
+/// The joint of the two bones of an arm, at half its length.
 pub const ELBOW: Vec3 = Vec3::new(0.0, 0.5 * LENGTH, 0.0);
 
 /// A tube along Y, and of each vertex how far up it is.
@@ -106,7 +106,7 @@ fn morphable(mesh: Mesh) -> Mesh {
     mesh.with_morph_targets(targets().concat())
 }
 
-/// The tube with morph targets and bones at work, as a mesh of its own.
+/// The tube with morph targets and bones applied, as a plain mesh.
 fn baked(weights: [f32; 2], bones: Option<[Affine3A; 2]>) -> Mesh {
     let (mut positions, mut normals, indices) = tube();
     for (target, weight) in targets().iter().zip(weights) {
@@ -137,7 +137,7 @@ fn paint() -> StandardMaterial {
     }
 }
 
-/// The two joints of an arm that is spawned with its mesh far from where they are.
+/// The two joints of an arm. Its mesh is spawned far from them.
 pub struct Arm {
     pub mesh: Entity,
     pub joints: [Entity; 2],
@@ -197,7 +197,7 @@ fn stage(app: &mut HeadlessApp) -> Entity {
     camera
 }
 
-/// The picture once so many objects are posed.
+/// The image once this number of objects is posed.
 #[track_caller]
 fn shown(app: &mut HeadlessApp, posed: usize) -> Vec<u8> {
     app.step(1);
@@ -213,7 +213,7 @@ fn shown(app: &mut HeadlessApp, posed: usize) -> Vec<u8> {
     panic!("{posed} objects should be posed: {:?}", report(app));
 }
 
-/// The picture of a mesh that has no pose.
+/// The image of a mesh without a pose.
 fn shown_baked(app: &mut HeadlessApp, mesh: Mesh, material: StandardMaterial, at: Transform) -> Vec<u8> {
     let entity = spawn_mesh(app, mesh, material, at);
     let picture = shown(app, 0);
@@ -263,7 +263,7 @@ fn a_bent_arm_looks_like_one_that_was_baked(app: &mut HeadlessApp, tracer: Refle
     let actual = shown(app, 1);
     assert_flip(&format!("arm-bent-again-{tracer}"), SIZE, &expected, &actual, SAME);
 
-    // Rigid, it has its bind pose where the first joint is; without a skin it is far away.
+    // A rigid mesh has its bind pose at the first joint; without a skin it is far away.
     app.world().entity_mut(arm.mesh).insert(ReflectedPose::Rigid);
     let actual = shown(app, 0);
     assert_flip(&format!("rigid-arm-{tracer}"), SIZE, &straight, &actual, SAME);
@@ -293,7 +293,7 @@ fn morph_targets_look_like_a_mesh_that_was_baked(app: &mut HeadlessApp, tracer: 
         weights: weights.to_vec(),
     };
     app.world().entity_mut(morphed).insert(weights([0.0; 2]));
-    // Nothing moves its vertices.
+    // Its vertices don't move.
     let actual = shown(app, 0);
     assert_flip(&format!("not-morphed-{tracer}"), SIZE, &flat, &actual, SAME);
     app.world().entity_mut(morphed).insert(weights(WEIGHTS));
@@ -310,7 +310,7 @@ fn morph_targets_look_like_a_mesh_that_was_baked(app: &mut HeadlessApp, tracer: 
 
 fn what_is_gone_leaves_nothing(app: &mut HeadlessApp, tracer: ReflectionTracerChoice) {
     stage(app);
-    // The mirror gets a merged tree of its own.
+    // The mirror gets its own merged tree.
     app.step(60);
     let empty = shown(app, 0);
     let before = used_bytes(app);
@@ -407,7 +407,7 @@ fn holes_stay_where_they_are_on_the_surface(app: &mut HeadlessApp, tracer: Refle
     spawn_arm(app, with_uvs(arm()), material);
     let actual = shown(app, 1);
     assert_flip(&format!("masked-arm-{tracer}"), SIZE, &expected, &actual, SAME);
-    // Opacity micromaps come later, and change nothing.
+    // Opacity micromaps arrive later, and change nothing.
     app.step(150);
     let actual = shown(app, 1);
     assert_flip(&format!("micromapped-arm-{tracer}"), SIZE, &expected, &actual, SAME);
@@ -418,7 +418,7 @@ fn bad_skeletons_leave_a_picture(app: &mut HeadlessApp, tracer: ReflectionTracer
     let expected = shown_baked(app, baked([0.0; 2], Some(bones(bend()))), paint(), Transform::IDENTITY);
     let arm = spawn_arm(app, arm(), paint());
     shown(app, 1);
-    // While a joint is nowhere, the last pose stays.
+    // While a joint is missing, the last pose stays.
     let upper = app.world().get::<Transform>(arm.joints[1]).copied().unwrap();
     for bad in [f32::NAN, f32::INFINITY, 1e30] {
         app.world().get_mut::<Transform>(arm.joints[1]).unwrap().translation.x = bad;
@@ -430,7 +430,7 @@ fn bad_skeletons_leave_a_picture(app: &mut HeadlessApp, tracer: ReflectionTracer
     app.world().despawn(arm.joints[1]);
     let actual = shown(app, 1);
     assert_flip(&format!("despawned-joint-{tracer}"), SIZE, &expected, &actual, SAME);
-    // Without joints, and without inverse bind poses, it was never posed: it is where its transform says.
+    // Without joints, and without inverse bind poses, it was never posed: its transform gives its place.
     let place = |app: &mut HeadlessApp, mesh: Entity| {
         *app.world().get_mut::<Transform>(mesh).unwrap() = shoulder();
     };
@@ -478,7 +478,7 @@ fn the_budget_goes_to_the_nearest() {
         app.world().get_mut::<Transform>(arm.joints[0]).unwrap().translation.z = z;
         arm
     });
-    // The mirror gets a merged tree of its own.
+    // The mirror gets its own merged tree.
     app.step(60);
     shown(app, 3);
     let budget = |app: &mut HeadlessApp, vertices_per_frame: u32| {
@@ -489,11 +489,11 @@ fn the_budget_goes_to_the_nearest() {
             app.world().get_mut::<Transform>(arm.joints[1]).unwrap().rotation = Quat::from_rotation_z(angle);
         }
         app.step(1);
-        // The status is that of the frame before.
+        // The status is one frame old.
         app.step(1);
         report(app)
     };
-    // Trees of the top level are built where something was posed.
+    // Trees of the top level are built if something was posed.
     let builds = |app: &mut HeadlessApp| report(app).tlas_builds;
     budget(app, 0);
     let before = builds(app);

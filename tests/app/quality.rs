@@ -35,7 +35,7 @@ fn a_quality_decides_the_settings_of_its_camera() {
         }
         assert_eq!(quality_of(&app, camera), Some(quality));
     }
-    // The same by mutation, as inspectors and menus do it.
+    // The same change by mutation, as inspectors and menus do it.
     *app.world_mut().get_mut(camera).unwrap() = ReflectionQuality::Low;
     app.update();
     assert_eq!(quality_of(&app, camera), Some(ReflectionQuality::Low));
@@ -71,7 +71,7 @@ fn changes_last_until_the_quality_changes() {
     assert_eq!(reflections.backend, ReflectionBackend::Compute);
     assert!(reflections.reset, "history from before is no longer valid");
 
-    // The same again is no change: the history stays.
+    // Setting an equal value is no change, and the history stays.
     app.world_mut().get_mut::<RayTracedReflections>(camera).unwrap().reset = false;
     app.world_mut().entity_mut(camera).insert(ReflectionQuality::High);
     app.update();
@@ -82,7 +82,7 @@ fn changes_last_until_the_quality_changes() {
     assert!(app.world().entity(camera).contains::<RayTracedReflections>());
 }
 
-/// As a game has them.
+/// As games have them.
 #[derive(Serialize, Deserialize, Debug, PartialEq)]
 struct GameSettings {
     volume: f32,

@@ -1,4 +1,4 @@
-//! All types that an app holds are in the type registry, with everything that inspectors, scenes and scripts need.
+//! All types that an app stores are in the type registry, with everything that inspectors, scenes and scripts need.
 
 #[cfg(feature = "egui")]
 use bevy_glint::{
@@ -24,7 +24,7 @@ use bevy_glint::{
 use core::any::{TypeId, type_name};
 use std::{fs, path::Path};
 
-/// Files with types that an app holds.
+/// Files with types that an app stores.
 const FILES: [&str; 24] = [
     "auto_quality.rs",
     "settings/arrival.rs",
@@ -51,7 +51,7 @@ const FILES: [&str; 24] = [
     "ui/panel.rs",
     "ui/timings.rs",
 ];
-/// A type that a method returns, and a plugin: no inspector shows them.
+/// The return type of a method, and a plugin: inspectors don't show them.
 const OTHERS: [&str; 2] = ["ShadingRates", "ReflectionSettingsPanelPlugin"];
 
 /// An app without a renderer.
@@ -80,7 +80,7 @@ fn default<T: Reflect>(types: &TypeRegistry) -> Box<dyn Reflect> {
     }
 }
 
-/// A component can be inserted and read by those who know its name alone.
+/// A component can be inserted and read by its name alone.
 #[track_caller]
 fn component<T: Component + Reflect>(app: &mut App) {
     let types = app.world().resource::<AppTypeRegistry>().clone();

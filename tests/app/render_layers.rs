@@ -59,7 +59,7 @@ fn each_camera_reflects_what_it_draws() {
         let (red, green) = (count(app, RED), count(app, GREEN));
         println!("{tracer}, the same layers: red {red:?}, green {green:?}");
         assert_eq!((red, green), ([half; 2], [0; 2]), "{tracer}");
-        // Its reflections show other layers than it draws itself.
+        // Its reflections show other layers than the camera draws itself.
         let shown = ReflectedLayers(RenderLayers::from_layers(&[0, 2]));
         app.world().entity_mut(cameras[1]).insert(shown);
         let (red, green) = (count(app, RED), count(app, GREEN));

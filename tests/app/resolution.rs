@@ -1,4 +1,4 @@
-//! Views whose size changes all the time keep their history and their textures: dynamic resolution, and viewports that grow.
+//! Views with a constantly changing size keep their history and their textures: dynamic resolution, and viewports that grow.
 
 use crate::{
     common::app,
@@ -15,11 +15,11 @@ use bevy_glint::{RayTracedReflections, ReflectionTechnique, ReflectionTracerChoi
 use glint_scenes::{HeadlessApp, Output, SceneName};
 
 const SIZE: UVec2 = UVec2::new(160, 96);
-/// Of SIZE, and of none of its tiles.
+/// A part of SIZE, and not a multiple of a tile.
 const SMALL: UVec2 = UVec2::new(112, 68);
 /// Frames between two steps.
 const EVERY: u32 = 4;
-/// Times the error of a fixed size that the error of a changing one may be.
+/// Maximum error with a changing size, as a multiple of the error with a fixed one.
 const LIMIT: f32 = 1.3;
 
 /// A glossy floor before coloured cubes.
@@ -72,7 +72,7 @@ fn dynamic_resolution_keeps_history_and_textures() {
     });
     for technique in [ReflectionTechnique::Variable, ReflectionTechnique::Reference] {
         let mut settings = RayTracedReflections { technique, ..default() };
-        // At rest with the noise of motion.
+        // Static with the noise of motion.
         settings.denoiser.converge_static_views = false;
         app.world().entity_mut(camera).insert(settings);
         let mut fixed = 0.0;
@@ -109,7 +109,7 @@ fn dynamic_resolution_keeps_history_and_textures() {
     }
 }
 
-/// As a window that is dragged, or a split screen that slides.
+/// Like a window that is dragged, or a split screen that slides.
 #[test]
 fn a_viewport_that_grows_is_made_anew_a_few_times() {
     let Some(mut app) = app(SIZE, Output::Picture, ReflectionTracerChoice::Bvh) else {

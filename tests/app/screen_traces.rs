@@ -26,11 +26,11 @@ const BYTES_PER_PIXEL: u64 = 8;
 /// Mean FLIP of a reflection with the custom shader and the image of a camera in its place: the edges of stripes are as wide as pixels of
 /// the last frame.
 const SAME: f32 = 0.045;
-/// The least mean FLIP to a reflection without the custom shader.
+/// Minimum mean FLIP to a reflection without the custom shader.
 const OTHER: f32 = 0.1;
 
 const SHADER: Handle<Shader> = uuid_handle!("9d0f3a52-7c1e-4f7b-8f0d-1d0f6a2b7c33");
-/// Rays know nothing of these stripes.
+/// Rays don't see these stripes.
 const SOURCE: &str = "
     import bevy_pbr::render::forward_io::VertexOutput;
     @fragment
@@ -39,7 +39,7 @@ const SOURCE: &str = "
     }
 ";
 
-/// A material with a shader of its own.
+/// A material with its own shader.
 #[derive(Asset, AsBindGroup, Reflect, Clone, Default)]
 struct Stripes {}
 
@@ -111,12 +111,12 @@ impl Stage {
     fn set(&mut self, change: impl FnOnce(&mut RayTracedReflections)) {
         let settings = self.app.world().get_mut::<RayTracedReflections>(self.camera);
         change(&mut settings.unwrap());
-        // The report is that of the frame before.
+        // The report is one frame old.
         self.app.step(2);
         warm_up(&mut self.app);
     }
 
-    /// The picture, of frames since all history was forgotten.
+    /// The image after some frames, without any earlier history.
     fn capture(&mut self, screen_traces: ScreenTraces) -> Vec<u8> {
         self.set(|settings| settings.screen_traces = screen_traces);
         self.set(|settings| settings.reset = true);
@@ -124,7 +124,7 @@ impl Stage {
         self.app.capture().unwrap()
     }
 
-    /// The picture that the mirror is to show: a second board under the floor, which is away.
+    /// The expected image in the mirror: a second board under the floor, with the floor hidden.
     fn expected(&mut self) -> Vec<u8> {
         let twin = spawn_board(&mut self.app, place(-0.7));
         *self.app.world().get_mut::<Visibility>(self.floor).unwrap() = Visibility::Hidden;
@@ -137,7 +137,7 @@ impl Stage {
         expected
     }
 
-    /// Asserts that the mirror shows the stripes by their light on the screen alone.
+    /// Asserts that the mirror shows the stripes, which are visible only on the screen.
     #[track_caller]
     fn assert_shows(&mut self, name: &str, expected: &[u8]) {
         let without = self.capture(ScreenTraces::Off);
@@ -151,7 +151,7 @@ impl Stage {
         assert!(other > OTHER, "{name}: rays see the stripes by themselves: {other}");
     }
 
-    /// The picture of a camera that looked elsewhere in the last frame, by three pixels.
+    /// The image of a camera that has turned by three pixels since the last frame.
     fn pan(&mut self) -> Vec<u8> {
         for frames in (0..6).rev() {
             let aside = Vec3::X * 0.15 * frames as f32;
@@ -181,7 +181,7 @@ fn spawn_board(app: &mut HeadlessApp, at: Transform) -> Entity {
     world.spawn((Mesh3d(mesh), MeshMaterial3d(material), at)).id()
 }
 
-/// The lower half of a picture, where the floor is.
+/// The lower half of an image, which shows the floor.
 fn lower(picture: &[u8]) -> &[u8] {
     &picture[picture.len() / 2..]
 }
@@ -241,7 +241,7 @@ fn the_ground_truth_shades_all(stage: &mut Stage) {
     stage.set(|settings| settings.technique = ReflectionTechnique::Reference);
 }
 
-/// The last frame knows nothing of the light that objects have in their new places.
+/// The last frame doesn't contain the light of objects at their new places.
 fn objects_that_move_are_shaded(stage: &mut Stage) {
     let move_on = |stage: &mut Stage, screen_traces| {
         stage.capture(screen_traces);
@@ -329,7 +329,7 @@ fn switched_off_it_leaves_nothing() {
     assert_eq!(differing_pixels(&before, &after, 0), 0);
 }
 
-/// The first frame after a cut knows no other, and one that comes unannounced shows nothing that isn't there.
+/// The first frame after a cut has no last frame, and after an unannounced cut it shows nothing that isn't there.
 #[test]
 fn cuts_leave_no_ghosts() {
     let Some(mut stage) = Stage::new(ReflectionTracerChoice::Bvh, metal(0.0)) else {
@@ -353,7 +353,7 @@ fn cuts_leave_no_ghosts() {
     let settled = cut(ScreenTraces::Reuse, true, 4);
     let unannounced = cut(ScreenTraces::Reuse, false, 1);
     dump("screen-cut", SIZE, &settled, &unannounced);
-    // Stripes come from where the board was seen before.
+    // Stripes come from the old place of the board.
     let same = flip(SIZE, &settled, &unannounced).0;
     let other = flip(SIZE, &before, &unannounced).0;
     println!("mean FLIP {same} to later frames, {other} to the frame before the cut");
@@ -388,7 +388,7 @@ fn spawn_standard_scene(app: &mut HeadlessApp) -> Entity {
     }
     let wall = Transform::from_xyz(0.0, 1.5, -3.0);
     spawn_mesh(app, Cuboid::new(9.0, 3.0, 0.4), colored(0.7, 0.7, 0.75, 0.9), wall);
-    // The picture has the shadows of shadow maps: here they are fine ones.
+    // The image uses shadow maps: here they are fine ones.
     let shadows = CascadeShadowConfigBuilder {
         num_cascades: 1,
         maximum_distance: 14.0,

@@ -16,7 +16,7 @@ use bevy::{
 use bevy_glint::{RayTracedReflections, ReflectionDenoiser, ReflectionTechnique};
 use glint_scenes::{HeadlessApp, Output, SceneName};
 
-/// Mean red and green of the picture.
+/// Mean red and green of the image.
 fn shown(app: &mut HeadlessApp) -> [f32; 2] {
     let pixels = app.capture_linear().unwrap();
     let mean = |channel: usize| pixels.iter().map(|pixel| pixel[channel]).sum::<f32>() / pixels.len() as f32;
@@ -76,7 +76,7 @@ fn a_pane_in_a_mirror_converges_to_the_mean_of_both_sides() {
     }
 }
 
-/// Exact mirrors with rays of their own show panes without chance, in the first frame and in each pixel.
+/// Exact mirrors with their own rays show panes without chance, in the first frame and in each pixel.
 #[test]
 fn panes_in_an_exact_mirror_have_no_grain() {
     for (tracer, mut app) in apps_of_both(SIZE, Output::Linear) {
@@ -87,7 +87,7 @@ fn panes_in_an_exact_mirror_have_no_grain() {
         reflect(app, camera, ReflectionTechnique::Quarter);
         let mut settings = app.world().get_mut::<RayTracedReflections>(camera).unwrap();
         settings.full_resolution_mirrors = true;
-        // Alpha and transmission of the red pane, and those of the blue one.
+        // Alpha and transmission of the red pane, and of the blue one.
         for (red, blue, expected) in [
             ((0.5, 0.0), (0.0, 0.0), [0.5, 0.5, 0.0]),
             ((0.5, 0.0), (0.5, 0.0), [0.5, 0.25, 0.25]),
@@ -130,7 +130,7 @@ fn panes_in_an_exact_mirror_have_no_grain() {
     }
 }
 
-/// Coloured glass tints the surfaces behind it, regardless of the number of panes, and nothing in front of it. All passes do this.
+/// Coloured glass tints the surfaces behind it, and nothing in front of it, regardless of the number of panes. All passes do this.
 #[test]
 fn glass_tints_what_is_seen_through_it() {
     const TINT: [f32; 3] = [0.25, 0.5, 1.0];
@@ -170,7 +170,7 @@ fn glass_tints_what_is_seen_through_it() {
     }
 }
 
-/// Its texture, wherever that lies on it, tints, too.
+/// Its texture tints, too, wherever it lies on the glass.
 #[test]
 fn glass_tints_by_its_texture() {
     const TINT: [f32; 3] = [0.5, 0.25, 1.0];
@@ -247,7 +247,7 @@ fn glass_tints_by_its_texture() {
     }
 }
 
-/// Thick glass shows the edge of two colours elsewhere, in rough surfaces, too, and however rays are traced.
+/// Thick glass displaces the edge of two colours, in rough surfaces, too, and with any tracer.
 #[test]
 fn thick_glass_refracts_in_rough_reflections() {
     use ReflectionTechnique::{Converged, Quarter, QuarterInline, Reference};

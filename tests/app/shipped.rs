@@ -1,4 +1,4 @@
-//! Apps as they ship: rendering on a thread of its own, and pipelines compiled in the background.
+//! Apps as they ship: rendering on its own thread, and pipelines compiled in the background.
 
 use bevy::{
     app::{PluginsState, TerminalCtrlCHandlerPlugin},
@@ -24,7 +24,7 @@ use std::{
 
 const FRAMES: u32 = 20_000;
 
-/// An app of an ordinary user, but for the window.
+/// An app of an ordinary user, except for the window.
 fn app(tracer: ReflectionTracerChoice) -> App {
     let mut app = App::new();
     app.add_plugins((
@@ -79,7 +79,7 @@ fn spawn_camera(app: &mut App) -> Handle<Image> {
     image
 }
 
-/// Asks for a picture, which arrives some frames later.
+/// Requests an image, which arrives some frames later.
 fn ask(app: &mut App, image: &Handle<Image>) -> Receiver<Image> {
     let (sender, receiver) = channel();
     app.world_mut()

@@ -39,7 +39,7 @@ pub fn metal(perceptual_roughness: f32) -> StandardMaterial {
     }
 }
 
-/// Smooth colourless glass, of which only the reflections are visible.
+/// Smooth colourless glass, with only its reflections visible.
 pub fn clear_glass() -> StandardMaterial {
     StandardMaterial {
         base_color: Color::NONE,
@@ -62,7 +62,7 @@ impl MaterialExtension for WithoutPrepass {
 
 pub type Unprepared = ExtendedMaterial<StandardMaterial, WithoutPrepass>;
 
-/// Fills the picture of a camera before the mirror.
+/// Fills the image of a camera before the mirror.
 pub fn wall() -> Rectangle {
     Rectangle::new(12.0, 12.0)
 }
@@ -85,7 +85,7 @@ pub fn spawn_camera(app: &mut HeadlessApp, at: Transform, surroundings: SceneNam
 /// A test of one tracer, in an app that others use before and after it.
 pub type Case = fn(&mut HeadlessApp, ReflectionTracerChoice);
 
-/// Runs tests one after the other in an app of each tracer: to start it, with all its shaders, takes longer than most of them.
+/// Runs tests one after the other in an app of each tracer, because starting one with all its shaders takes longer than most of them.
 pub fn share_app(cases: &[Case]) {
     for (tracer, mut app) in apps_of_both(SIZE, Output::Picture) {
         for case in cases {
@@ -107,7 +107,7 @@ pub fn clear(app: &mut HeadlessApp) {
     app.step(2);
 }
 
-/// Gives the left half of the picture to the first camera, and the right half to the second.
+/// Gives the left half of the image to the first camera, and the right half to the second.
 pub fn share_picture(app: &mut HeadlessApp, cameras: [Entity; 2]) {
     let half = UVec2::new(SIZE.x / 2, SIZE.y);
     for (order, camera) in cameras.into_iter().enumerate() {
@@ -141,7 +141,7 @@ pub fn layer_bytes(app: &mut HeadlessApp) -> u64 {
 /// Limit of frames for merging.
 const PATIENCE: u32 = 20_000;
 
-/// Waits until nothing is left to be merged, and masked objects have their micromaps.
+/// Waits until all merging is done, and masked objects have their micromaps.
 #[track_caller]
 pub fn until_at_rest(app: &mut HeadlessApp) -> ReflectionStatusReport {
     app.step(3);

@@ -17,7 +17,7 @@ use bevy::{
 use bevy_glint::{RayTracedReflections, ReflectionTechnique, ReflectionTracerChoice};
 use glint_scenes::{HeadlessApp, Output, SceneName};
 
-/// Behind the reflecting wall, where no ray comes.
+/// Behind the reflecting wall, where rays don't reach.
 const UNSEEN: Vec3 = Vec3::new(0.0, 0.0, -6.0);
 /// Before it, and behind the camera.
 const SEEN: Vec3 = Vec3::new(0.5, 0.0, 5.5);
@@ -25,7 +25,7 @@ const SEEN: Vec3 = Vec3::new(0.5, 0.0, 5.5);
 /// cd/m^2 of the light probe around the object.
 const PROBE: f32 = 2_500.0;
 
-/// An object, its material and its texture, a lamp beside it and a light probe around it, any of which can change.
+/// An object, its material and its texture, a lamp beside it and a light probe around it. Any of them can change.
 struct Restless {
     at: Vec3,
     object: Entity,
@@ -45,7 +45,7 @@ enum Change {
     Lamp,
     Image,
     Probe,
-    /// The probe's map is painted anew; its texture stays the same.
+    /// The probe's map is repainted, and its texture stays the same.
     Repaint,
 }
 
@@ -252,7 +252,7 @@ fn what_no_ray_meets_keeps_no_view_from_converging() {
         println!("{change:?}: images differ by {noise:.5} from frame to frame");
         noise
     });
-    // Half as much again, and more, in a view that doesn't count as static.
+    // Noise is at least 1.5 times as high in a view that doesn't count as static.
     let [still, changing @ ..] = noise;
     assert!(
         still > 0.0 && changing.iter().all(|noise| *noise < 1.2 * still),
@@ -260,8 +260,8 @@ fn what_no_ray_meets_keeps_no_view_from_converging() {
     );
 }
 
-/// Holds the error that is left some frames after a change, in views that converge before it, to that in views that never do. `restore`
-/// undoes the change; `advance` is told the step, and whether the change is to happen.
+/// Compares the remaining error some frames after a change, between views that converge before it and views that never do. `restore`
+/// undoes the change. `advance` gets the step, and whether to make the change.
 fn assert_followed(
     app: &mut HeadlessApp,
     camera: Entity,
@@ -319,7 +319,7 @@ fn what_rays_meet_is_followed() {
         let only_images = tracer == ReflectionTracerChoice::RayQuery;
         let once = if only_images { &[Change::Image][..] } else { &all };
         let once = once.iter().map(|change| (*change, 1));
-        // Over several bounces every motion is a change for all views: nothing else can keep them from converging there.
+        // Over several bounces every motion is a change for all views, since only that keeps them from converging.
         for (change, bounces) in once.chain([(Change::Image, 2)]) {
             let mut settings = app.world().get_mut::<RayTracedReflections>(camera).unwrap();
             settings.max_bounces = bounces;
@@ -338,10 +338,10 @@ fn what_rays_meet_is_followed() {
     }
 }
 
-/// Units of a metre: the haze of kilometres lies between things that are near.
+/// Units per metre: haze of kilometres between objects that are near.
 const METRE: f32 = 0.001;
 
-/// Air around a rough mirror, which shows the sky and a thing that no sun lights: nothing that rays meet carries the sun's mark.
+/// Air around a rough mirror, which shows the sky and an object without sunlight: no surface that rays hit has the sun's mark.
 fn spawn_in_air(app: &mut HeadlessApp) -> (Entity, Entity) {
     spawn_mesh(app, wall(), metal(0.2), Transform::IDENTITY);
     let thing = StandardMaterial {
@@ -397,7 +397,7 @@ fn the_sun_of_an_atmosphere_is_followed() {
     }
 }
 
-/// Fog is a component of the camera, and nothing that rays hit.
+/// Fog is a component of the camera, and rays don't hit it.
 #[test]
 fn the_ground_truth_begins_anew_with_the_fog() {
     const FRAMES: u32 = 24;

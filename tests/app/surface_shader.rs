@@ -1,4 +1,4 @@
-//! A shader of the app's that changes the surfaces which rays hit.
+//! A shader of the app that changes the surfaces of hits.
 
 use crate::{
     common::app_with,
@@ -24,7 +24,7 @@ impl MaterialExtension for Striped {}
 type OfStripes = ExtendedMaterial<StandardMaterial, Striped>;
 
 const SHADER: Handle<Shader> = uuid_handle!("3b8f4f1e-0d5c-4d0c-9c39-4a1c5b6a7e01");
-/// The right half of a mesh pulses; on the left one nothing is a number but the colour.
+/// The right half of a mesh pulses. On the left half, everything except the colour is NaN.
 const SOURCE: &str = "
     import bevy_glint::scene::surface::Surface;
     import bevy_glint::trace::surface_point::SurfacePoint;
@@ -43,7 +43,7 @@ const SOURCE: &str = "
     }
 ";
 
-/// Behind the camera, a board of another type than `StandardMaterial`, whose image is in the middle, and a blue one to its right.
+/// Two boards behind the camera: one in the middle of the image with another type than `StandardMaterial`, and a blue one to its right.
 fn stage(tracer: ReflectionTracerChoice) -> Option<(HeadlessApp, Entity)> {
     let mut app = app_with(SIZE, Output::Linear, tracer, |app| {
         app.add_plugins((
@@ -98,7 +98,7 @@ fn shown(app: &mut HeadlessApp) -> [Vec3; 3] {
 
 const PLAIN: Vec3 = Vec3::Z;
 
-/// The mesh is seen from its front, turned about: its left half, where u is small, is on the right.
+/// The mirror shows the front of the mesh reversed: its left half, with small u, is on the right.
 #[track_caller]
 fn expect(app: &mut HeadlessApp, what: &str, striped: bool) {
     let [left, right, blue] = shown(app);
@@ -121,7 +121,7 @@ fn reflections_show_the_surfaces_of_the_apps_shader() {
             continue;
         };
         let app = &mut app;
-        // The passes that shade hits; each takes seconds to compile.
+        // The passes that shade hits. Each takes seconds to compile.
         let techniques: &[_] = match tracer {
             ReflectionTracerChoice::RayQuery => &[(ReflectionTechnique::Converged, false)],
             _ => &[
@@ -151,7 +151,7 @@ fn reflections_show_the_surfaces_of_the_apps_shader() {
     }
 }
 
-/// A shader that is edited is followed, even by a picture at rest, and one that fails is left out.
+/// Edits of a shader take effect, even in a static image, and a shader with errors is ignored.
 #[test]
 fn an_edited_surface_shader_is_followed() {
     let Some((mut app, camera)) = stage(ReflectionTracerChoice::Bvh) else {

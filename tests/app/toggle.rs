@@ -1,4 +1,4 @@
-//! Reflections that are switched off leave nothing of theirs on the GPU, and come back as they were.
+//! Reflections that are switched off leave nothing on the GPU, and come back unchanged.
 
 use crate::{
     pictures::{apps, assert_flip, crop, differing_pixels, red_pixels, warm_up},
@@ -23,16 +23,15 @@ use std::collections::BTreeMap;
 const MANY: usize = 40;
 /// A wall, a cube and the balls.
 const OBJECTS: usize = 2 + MANY;
-/// Bytes that the plugin may keep without any reflecting camera.
+/// Bytes that the plugin is allowed to keep without any reflecting camera.
 const IDLE_BYTES: u64 = 1 << 20;
-/// Bytes that alignment may add to an allocation, depending on its position.
+/// Bytes that alignment can add to an allocation, depending on its position.
 const PADDING: u64 = 256;
 
 /// Bytes of GPU memory by label.
 type Memory = BTreeMap<String, u64>;
 
-/// A mirror that fills the picture of a camera three metres before it, and behind the camera what it shows: a cube, which is returned,
-/// and balls.
+/// A mirror that fills the image of a camera three metres before it, and behind the camera a cube, which is returned, and balls.
 fn spawn_scene(app: &mut HeadlessApp) -> Entity {
     spawn_mesh(app, wall(), metal(0.0), Transform::IDENTITY);
     let behind = Transform::from_xyz(-2.5, 0.0, 6.0);
@@ -56,7 +55,7 @@ fn spawn_scene(app: &mut HeadlessApp) -> Entity {
     cube
 }
 
-/// Without noise, so that pictures can be compared.
+/// Without noise, so that images can be compared.
 fn plain() -> RayTracedReflections {
     RayTracedReflections {
         technique: ReflectionTechnique::Reference,
@@ -79,7 +78,7 @@ fn variants() -> [RayTracedReflections; 3] {
     [plain(), RayTracedReflections::default(), converged]
 }
 
-/// Switches reflections on, and waits until the scene is merged as far as it will be.
+/// Switches reflections on, and waits until the merging of the scene is done.
 fn switch_on(app: &mut HeadlessApp, camera: Entity, settings: RayTracedReflections) {
     app.world().entity_mut(camera).insert(settings);
     warm_up(app);
@@ -110,7 +109,8 @@ fn measured(app: &mut HeadlessApp, path: &DiagnosticPath) -> Option<f64> {
     diagnostics.get(path).and_then(Diagnostic::value)
 }
 
-/// Memory that the library has allocated, as the device reports it; `None` if it keeps no account. All labels of the library begin alike.
+/// Memory that the library has allocated, as the device reports it; `None` if the device doesn't count it. All labels of the library have
+/// the same prefix.
 fn allocated(app: &mut HeadlessApp) -> Option<Memory> {
     let world = app.app().sub_app(RenderApp).world();
     let device = world.resource::<RenderDevice>().wgpu_device();
@@ -127,7 +127,7 @@ fn allocated(app: &mut HeadlessApp) -> Option<Memory> {
     Some(memory)
 }
 
-/// The camera reflects, and what the status says of its memory is what the driver says.
+/// The camera reflects, and its memory in the status equals the driver's number.
 #[track_caller]
 fn expect_on(app: &mut HeadlessApp, camera: Entity, what: &str) {
     let report = report(app);
@@ -162,7 +162,7 @@ fn expect_on(app: &mut HeadlessApp, camera: Entity, what: &str) {
     }
 }
 
-/// Nothing reflects, and what was allocated for it is given back.
+/// Nothing reflects, and its memory is freed.
 #[track_caller]
 fn expect_off(app: &mut HeadlessApp, camera: Entity, before: Option<&Memory>, what: &str) {
     let report = report(app);
@@ -184,7 +184,7 @@ fn expect_off(app: &mut HeadlessApp, camera: Entity, before: Option<&Memory>, wh
         assert_eq!(measured(app, &path), Some(0.0), "{what}: {}", path.as_str());
     }
     let held = readback::render_world_components(app.app(), camera);
-    // Pipelines of cameras that may be active again are compiled meanwhile.
+    // Pipelines of cameras that can become active again are compiled meanwhile.
     let has_component = app.world().get::<RayTracedReflections>(camera).is_some();
     let expected: &[&str] = if has_component { &["request"] } else { &[] };
     assert_eq!(held, expected, "{what}: what the render world still has");
@@ -297,7 +297,7 @@ fn one_camera_switched_off_leaves_the_other_alone() {
         let again = app.capture().unwrap();
         assert_flip(&format!("toggle-both-{tracer:?}"), SIZE, &picture, &again, 0.01);
 
-        // Neither a camera that draws nothing nor one that is gone counts.
+        // A camera that draws nothing doesn't count, nor does a removed one.
         app.world().get_mut::<Camera>(left).unwrap().is_active = false;
         frames(app, 3);
         expect_on(app, right, "the left one draws nothing");

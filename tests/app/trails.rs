@@ -9,7 +9,7 @@ use bevy::prelude::*;
 use bevy_glint::{RayTracedReflections, ReflectionTechnique, ReflectionTracerChoice};
 use glint_scenes::{HeadlessApp, Output, SceneName};
 
-/// In fewer pixels, histories that are sampled between them blur more than the floor does.
+/// At fewer pixels, sampling a history between its pixels blurs more than the floor does.
 const SIZE: UVec2 = UVec2::new(240, 160);
 
 /// Factor on the static error that the error in motion can reach.
@@ -33,8 +33,8 @@ fn scene(app: &mut HeadlessApp, roughness: f32, subject: impl Into<Mesh>, materi
     Scene { camera, subject }
 }
 
-/// 24 frames of a movement that ends with the scene as it was built. The error of the last of them, and after 24 more static frames.
-/// `images`: histories follow images in smooth surfaces, too.
+/// Runs 24 frames of a movement, which ends with the scene as it was built. Returns the error of the last of them, and after 24 more
+/// static frames. `images`: histories follow images in smooth surfaces, too.
 fn errors(
     name: &str,
     technique: ReflectionTechnique,
@@ -46,7 +46,7 @@ fn errors(
     let scene = build(&mut app);
     reflect(&mut app, scene.camera, technique);
     let mut settings = RayTracedReflections { technique, ..default() };
-    // At rest with the noise of motion.
+    // Static with the noise of motion.
     settings.denoiser.converge_static_views = false;
     settings.denoiser.virtual_history = images;
     app.world().entity_mut(scene.camera).insert(settings.clone());
@@ -77,8 +77,8 @@ fn errors(
 type Build = fn(&mut HeadlessApp) -> Scene;
 type Step = fn(&mut HeadlessApp, &Scene, f32);
 
-/// The error in motion is little more than the static one, and at most this part of the error without histories that follow images: for
-/// techniques with a ray for each pixel and for four. A part above 1 only keeps images that are followed from being much worse.
+/// The error in motion is little more than the static one, and at most this fraction of the error without histories that follow images:
+/// for techniques with a ray for each pixel and for four. A fraction above 1 only keeps followed images from being much worse.
 #[track_caller]
 fn expect(name: &str, part: f32, build: Build, step: Step) {
     for technique in [ReflectionTechnique::Reference, ReflectionTechnique::Quarter] {

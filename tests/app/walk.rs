@@ -1,4 +1,4 @@
-//! A character that walks along a mirror, and then stops and waves: each technique shows an instant as it does without history, with no
+//! A character that walks along a mirror, and then stops and waves. Each technique shows the same instant as without history, with no
 //! ghost at the character's old position. Converged images give its old and new position.
 
 use crate::{
@@ -11,29 +11,29 @@ use bevy::prelude::*;
 use bevy_glint::{RayTracedReflections, ReflectionTracerChoice};
 use glint_scenes::{HeadlessApp, Output, SceneName};
 
-/// The frame from which on the character stops and waves.
+/// The frame at which the character stops and starts waving.
 const STANDS: u32 = 20;
 /// Frames that are looked at: on the way, and while it waves.
 const SEEN: [u32; 4] = [13, 18, 33, 36];
 /// Frames of the way to there.
 const WALK: u32 = 12;
-/// How many frames before lies the trail that is looked at.
+/// Age of the measured trail, in frames.
 const BEFORE: u32 = 5;
 /// Frames of the truth.
 const TRUE_FRAMES: u32 = 64;
-/// Images without history; their mean has little noise.
+/// Images without history. Their mean has little noise.
 const FRESH: u16 = 8;
 /// Light that the history can leave at the character's old position, relative to the light of the character. Histories of two frames are
 /// a part of images of a single ray, in a mirror that the denoiser smooths. Without marks on posed objects it is 0.13 to 0.3 while it
 /// waves.
 const MOST_LEFT: f32 = 0.15;
-/// The same for a technique that has few rays in all of the mirror.
+/// As above, for a technique that has few rays in the whole mirror.
 const MOST_LEFT_BY_COARSE_RATES: f32 = 0.2;
 /// Light that the history can remove at the character's new position. Without marks it is up to 0.6.
 const MOST_MISSING: f32 = 0.35;
 const LEAST_PIXELS: usize = 10;
 
-/// Poses both legs as they are in a frame.
+/// Poses both legs for a frame.
 fn pose(app: &mut HeadlessApp, legs: &[Arm; 2], frame: u32) {
     let walked = 0.22 * frame.min(STANDS) as f32;
     for (leg, side) in legs.iter().zip([1.0, -1.0]) {
@@ -54,7 +54,7 @@ fn pose(app: &mut HeadlessApp, legs: &[Arm; 2], frame: u32) {
     }
 }
 
-/// Pixels that a picture shows the character in, at least half, and with or without those beside them.
+/// Pixels in which an image shows at least half of the character, with or without their neighbours.
 fn shown(picture: &[f32], of: f32, with_neighbours: bool) -> Vec<bool> {
     let (width, height) = (SIZE.x as i32, SIZE.y as i32);
     let is_light =
@@ -70,7 +70,7 @@ fn shown(picture: &[f32], of: f32, with_neighbours: bool) -> Vec<bool> {
         .collect()
 }
 
-/// Mean difference of two pictures over the pixels that the first mask has and the second has not.
+/// Mean difference of two images over the pixels in the first mask and outside the second.
 fn mean_difference(a: &[f32], b: &[f32], within: &[bool], without: &[bool]) -> f32 {
     let pixels = (0..a.len()).filter(|&pixel| within[pixel] && !without[pixel]);
     let differences: Vec<f32> = pixels.map(|pixel| a[pixel] - b[pixel]).collect();
@@ -82,7 +82,7 @@ fn mean_difference(a: &[f32], b: &[f32], within: &[bool], without: &[bool]) -> f
     differences.iter().sum::<f32>() / differences.len() as f32
 }
 
-/// A frame as converged pictures show it.
+/// A frame of converged images.
 struct Instant {
     frame: u32,
     truth: Vec<f32>,
@@ -90,7 +90,7 @@ struct Instant {
 }
 
 impl Instant {
-    /// Light that a picture has too much of where the character was, and too little of where it is, in comparison with one without a past.
+    /// Surplus light at the character's old place, and missing light at its new one, compared with an image without a past.
     fn ghost(&self, picture: &[f32], fresh: &[f32]) -> [f32; 2] {
         let light = self.truth.iter().copied().fold(0.0, f32::max);
         let [now, before] =
@@ -101,7 +101,7 @@ impl Instant {
     }
 }
 
-/// Picture of an instant by a technique without a past.
+/// Image of an instant by a technique without a past.
 fn fresh(app: &mut HeadlessApp, camera: Entity, name: &str) -> Vec<f32> {
     let mut sum = vec![0.0; (SIZE.x * SIZE.y) as usize];
     for _ in 0..FRESH {
@@ -122,7 +122,7 @@ fn truth(app: &mut HeadlessApp, camera: Entity, legs: &[Arm; 2], frame: u32) -> 
     capture(app, "converged")
 }
 
-/// Light that the past leaves and takes away once the character has gone to its place in a frame.
+/// Light that the past adds and removes once the character has moved to its place in a frame.
 fn walk_to(app: &mut HeadlessApp, camera: Entity, legs: &[Arm; 2], name: &str, instant: &Instant) -> [f32; 2] {
     pose(app, legs, instant.frame - WALK);
     switch(app, camera, name);

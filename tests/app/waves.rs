@@ -110,7 +110,7 @@ fn panes(app: &mut HeadlessApp) -> [Vec3; 3] {
     })
 }
 
-/// An app's shader turns the normals of its own materials, and of no others; NaN does no harm.
+/// An app's shader turns the normals of its own materials, and no others. NaN does no harm.
 #[test]
 fn reflections_follow_the_normals_of_the_apps_shader() {
     for tracer in any_tracer() {
@@ -160,7 +160,7 @@ fn reflections_follow_the_normals_of_the_apps_shader() {
     }
 }
 
-/// The library's shader takes the place of one that fails.
+/// The library's shader replaces one that fails to compile.
 #[test]
 fn a_faulty_shader_leaves_reflections_as_they_are() {
     let Some((mut app, _)) = stage(BOTH[1]) else { return };
@@ -184,7 +184,7 @@ fn a_faulty_shader_leaves_reflections_as_they_are() {
 const OWN: Handle<Shader> = uuid_handle!("7c1f3a52-65e8-4a57-9c0b-6d3f5e8a7b31");
 const FORWARD_LAYER: Handle<Shader> = uuid_handle!("7c1f3a52-65e8-4a57-9c0b-6d3f5e8a7b32");
 
-/// An extension with a shader of its own.
+/// An extension with its own shader.
 #[derive(Asset, AsBindGroup, Reflect, Clone, Default)]
 struct Polished {}
 
@@ -196,7 +196,7 @@ impl MaterialExtension for Polished {
 
 type OfPolished = ExtendedMaterial<StandardMaterial, Polished>;
 
-/// An extended material reflects as its base, and with the normals that the app's shader gives it.
+/// An extended material reflects as its base, and with the normals from the app's shader.
 #[test]
 fn extended_materials_with_their_own_shaders_reflect() {
     for tracer in any_tracer() {

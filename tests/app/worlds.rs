@@ -93,7 +93,7 @@ struct Tiles {
     group: Vec<Entity>,
 }
 
-/// A mirror before a wall of so many tiles that objects which move have a structure of their own with ray queries, a ball, and a lit board.
+/// A mirror before a wall, a ball, and a lit board. The wall has enough tiles that moving objects get their own structure with ray queries.
 fn spawn_tiles(app: &mut HeadlessApp) -> Tiles {
     let floor = Transform::from_translation(Vec3::new(0.0, -0.05, 0.0));
     spawn_mesh(app, Cuboid::new(12.0, 0.1, 12.0), metal(0.0), floor);
@@ -143,7 +143,7 @@ fn spawn_tiles(app: &mut HeadlessApp) -> Tiles {
     }
 }
 
-/// Pictures of all that happens to the ball, and to others like it, one after the other.
+/// Images of all movements of the ball, and of others like it, one after the other.
 fn pictures_of_movements(app: &mut HeadlessApp) -> Vec<(&'static str, Vec<u8>)> {
     let scene = spawn_tiles(app);
     let ball = scene.ball;
@@ -182,7 +182,7 @@ fn pictures_of_movements(app: &mut HeadlessApp) -> Vec<(&'static str, Vec<u8>)> 
     }
     app.step(4);
     pictures.push(("the board that went", capture(app)));
-    // Some objects from the beginning are removed, and another object replaces one in the table.
+    // Some of the first objects are removed, and another object takes the place of one in the table.
     for tile in scene.group {
         app.world().despawn(tile);
     }
@@ -195,7 +195,7 @@ fn pictures_of_movements(app: &mut HeadlessApp) -> Vec<(&'static str, Vec<u8>)> 
     pictures
 }
 
-/// Reflections show objects that move among many others, that join them and that leave them, in any structure.
+/// Reflections show moving objects among many others, and objects that join and leave them, in any structure.
 #[test]
 fn what_moves_among_many_objects_is_seen() {
     let mut pictures = Vec::new();

@@ -7,12 +7,12 @@ use bevy_glint::{
 use core::time::Duration;
 use glint_scenes::{HeadlessApp, HeadlessError, HeadlessSettings, Output, SceneAnimationPlugin};
 
-/// An app that traces, or `None` (with the reason printed) where this machine can't.
+/// An app that traces, or `None` (with the reason printed) if this machine can't.
 pub fn app(size: UVec2, output: Output, tracer: ReflectionTracerChoice) -> Option<HeadlessApp> {
     app_with(size, output, tracer, |_| {})
 }
 
-/// The same with more plugins.
+/// Like [`app`], with more plugins.
 pub fn app_with(
     size: UVec2,
     output: Output,
@@ -22,7 +22,7 @@ pub fn app_with(
     app_on_device(size, output, tracer, |_| {}, add)
 }
 
-/// The same with plugins that decide how the device is opened.
+/// Like [`app_with`], with plugins that configure the device.
 pub fn app_on_device(
     size: UVec2,
     output: Output,
@@ -38,7 +38,7 @@ pub fn app_on_device(
     app_of(settings, tracer, before, add)
 }
 
-/// The same with all settings.
+/// Like [`app_on_device`], with all settings.
 pub fn app_of(
     settings: HeadlessSettings,
     tracer: ReflectionTracerChoice,
@@ -48,12 +48,12 @@ pub fn app_of(
     let result = HeadlessApp::with_device(settings, before, |app| {
         let reflections = RayTracedReflectionsPlugin {
             tracer,
-            // The harness draws deferred already, and cameras lack what tests take from them.
+            // The harness already draws deferred, and cameras lack the components that tests remove.
             deferred_by_default: false,
             ..default()
         };
         app.add_plugins((SceneAnimationPlugin, reflections))
-            // No test depends on the clock on the wall but those that say so.
+            // Only tests that say so depend on the wall clock.
             .insert_resource(ReflectionRetention(Duration::ZERO));
         add(app);
     });

@@ -60,7 +60,7 @@ pub fn dispatch(gpu: &Gpu, pipeline: &wgpu::ComputePipeline, entries: &[wgpu::Bi
     dispatch_with(gpu, pipeline, &[entries], groups);
 }
 
-/// The same with several bind groups.
+/// Like `dispatch`, with several bind groups.
 pub fn dispatch_with(
     gpu: &Gpu,
     pipeline: &wgpu::ComputePipeline,

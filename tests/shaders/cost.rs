@@ -221,7 +221,7 @@ mod op {
     pub const FUNCTION_CALL: u16 = 57;
     pub const VARIABLE: u16 = 59;
     pub const LOAD: u16 = 61;
-    /// Declarations within functions, which do nothing: parameters, variables and labels.
+    /// Declarations within functions, which don't execute: parameters, variables and labels.
     pub const SILENT: [u16; 4] = [55, VARIABLE, 248, 317];
     /// Samples, fetches, gathers and reads.
     pub const IMAGE_LOADS: RangeInclusive<u16> = 87..=98;
@@ -297,7 +297,7 @@ fn entry_point(words: &[u32]) -> u32 {
     panic!("SPIR-V without an entry point");
 }
 
-/// Bytes of a module's variables in an address space, those of functions among them.
+/// Bytes of a module's variables in an address space, including function variables.
 fn bytes(module: &naga::Module, space: AddressSpace) -> u32 {
     let size = |ty: naga::Handle<naga::Type>| module.types[ty].inner.size(module.to_ctx());
     let globals = module
@@ -360,7 +360,7 @@ pub fn variants() -> impl Iterator<Item = (&'static str, Vec<&'static str>)> {
     of_scenes.chain(others)
 }
 
-/// The costs of the shaders as they are.
+/// Measures the costs of the current shaders.
 fn measure() -> Costs {
     let mut shaders = Shaders::load();
     let mut costs = Costs::new();

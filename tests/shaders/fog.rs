@@ -343,7 +343,7 @@ fn fog_of_a_volume_shows_its_lamps_and_ambient_light() {
         let ambient = Vec3::from(surroundings.fog_ambient) * (-volume.ambient_extinction * length).exp();
         let expected = scattered + ambient.as_dvec3() * f64::from(u8::from(length > 0.0));
         let apart = relative(output.truncate().as_dvec3(), expected, 1e-3);
-        // Mirrors take sixteen points, always the same.
+        // Mirrors use sixteen points, always the same.
         assert!(apart < 0.02, "{input:?}: {output} for {expected}");
         let kept = (-volume.extinction * length).exp();
         assert!(
@@ -386,7 +386,7 @@ fn a_texture_makes_fog_uneven() {
         let ambient = Vec3::from(surroundings.fog_ambient) * (-volume.ambient_extinction * length).exp();
         let expected = scattered + ambient.as_dvec3() * f64::from(u8::from(length > 0.0));
         let apart = relative(output.truncate().as_dvec3(), expected, 1e-3);
-        // By steps, and by the sixteen points that mirrors take.
+        // By steps, and by the sixteen points that mirrors use.
         assert!(apart < 0.03, "{input:?}: {output} for {expected}");
         let kept = (-depth).exp();
         assert!(

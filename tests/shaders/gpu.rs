@@ -11,8 +11,8 @@
 //! let values: Vec<u32> = gpu.run(&wgsl, &inputs, &[]);
 //! ```
 //!
-//! Without an adapter `Gpu::new` prints why and returns `None`, so that the test passes without having run; with
-//! `GLINT_REQUIRE_GPU=1` in the environment it fails instead. `WGPU_ADAPTER_NAME` picks an adapter by a part of its name.
+//! Without an adapter `Gpu::new` prints the reason and returns `None`, so that the test passes without running. With `GLINT_REQUIRE_GPU=1`
+//! in the environment it fails instead. `WGPU_ADAPTER_NAME` selects an adapter by a part of its name.
 #![allow(
     unsafe_code,
     reason = "wgpu asks for it to leave out run-time checks and to enable ray queries"
@@ -81,7 +81,7 @@ impl Gpu {
             .request_device(&wgpu::DeviceDescriptor {
                 required_features: adapter.features() - wgpu::Features::MAPPABLE_PRIMARY_BUFFERS,
                 required_limits: adapter.limits(),
-                // SAFETY: nothing here relies on the soundness of experimental features.
+                // SAFETY: no code here relies on the soundness of experimental features.
                 experimental_features: unsafe { wgpu::ExperimentalFeatures::enabled() },
                 ..Default::default()
             })
@@ -152,7 +152,7 @@ impl Gpu {
         if let Some(pipeline) = pipelines().get(&key) {
             return pipeline.clone();
         }
-        // Without the lock: other tests go on meanwhile.
+        // Without the lock, so that other tests continue meanwhile.
         let pipeline = create(&self.module(wgsl, checks));
         pipelines().insert(key, pipeline.clone());
         pipeline
@@ -199,7 +199,7 @@ impl Gpu {
 
     /// Runs `main` of a flattened shader, with workgroups of 64, and returns an output for each input.
     ///
-    /// Binding 0 holds the inputs, binding 1 receives the outputs, and textures are bound where they say.
+    /// Binding 0 is the inputs, binding 1 receives the outputs, and textures are bound at the given bindings.
     pub fn run<I: Pod, O: Pod>(&self, wgsl: &str, inputs: &[I], textures: &[(u32, wgpu::TextureView)]) -> Vec<O> {
         let pipeline = self.pipeline(wgsl, "main", Checks::Off);
         let (input, output) = (self.buffer(inputs), self.buffer(&vec![O::zeroed(); inputs.len()]));

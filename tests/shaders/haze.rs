@@ -24,7 +24,7 @@ fn load_material(index: u32) -> Material {
 }
 ",
 );
-/// The view has nothing but its flags ...
+/// The view has only its flags ...
 const VIEW: (&str, &str) = (
     "gbuffer.wesl",
     "
@@ -78,7 +78,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
 const UNIT: f64 = 1000.0;
 const INNER: f64 = 6_360_000.0;
 const OUTER: f64 = 6_460_000.0;
-/// Parts of light that a metre scatters and absorbs at sea level, and metres in which they become less by a factor of e.
+/// Fractions of light that a metre scatters and absorbs at sea level, and heights in metres over which they decrease by a factor of e.
 const SCATTERING: DVec3 = DVec3::new(1e-5, 2e-5, 4e-5);
 const ABSORPTION: DVec3 = DVec3::new(4e-6, 3e-6, 2e-6);
 const SCALE: f64 = 4_000.0;
@@ -162,7 +162,7 @@ fn transmittance_texel(u: f64, v: f64) -> DVec3 {
     passed(DVec3::Y * radius, direction, to_space(radius, cosine), 400)
 }
 
-/// Centres of texels of one dimension, which Bevy's tables of density and scattering have their values at.
+/// Centres of texels in one dimension, at which Bevy's tables of density and scattering have their values.
 fn centres(size: u32) -> impl Iterator<Item = f64> + Clone {
     (0..size).map(move |i| (f64::from(i) + 0.5) / f64::from(size))
 }
@@ -299,7 +299,7 @@ fn rays(lengths: &[f32]) -> Vec<Input> {
         .map(|(length, slope)| Input {
             origin: vec3(number(), 0.5 * number(), number()),
             length,
-            // Falling ones stay above the sea.
+            // Falling rays stay above the sea.
             direction: vec3(number(), if slope < 0.0 { -1.0 / length } else { slope }, 1.0).normalize(),
             unused: 0.0,
         })
@@ -322,7 +322,7 @@ fn haze_is_the_light_that_the_air_of_a_ray_scatters_and_lets_through() {
         return;
     };
     let inputs = rays(&[0.5, 3.0, 8.0, 20.0]);
-    // So many layers and points that nothing of Bevy's steps is seen.
+    // With enough layers and points that Bevy's steps aren't visible.
     for (name, environment, limit) in [
         ("a table", environment(32_000.0, 320, 100), 0.02),
         ("marched", environment(0.0, 1, 64), 0.03),
@@ -358,7 +358,8 @@ fn haze_is_as_coarse_as_the_table_of_bevy() {
         same(coarse[1], fine[0]) && same(coarse[3], fine[1]),
         "{coarse:?}, {fine:?}"
     );
-    // The first layer fades to the viewer, logarithms are interpolated between others, and beyond the last one nothing is added.
+    // The first layer fades towards the viewer, logarithms are interpolated between the others, and the last one is constant
+    // beyond its end.
     assert!(same(coarse[0], 0.5 * coarse[1]), "{coarse:?}");
     assert!(same(coarse[2], (coarse[1] * coarse[3]).sqrt()), "{coarse:?}");
     assert!(

@@ -224,7 +224,7 @@ fn drawn_lights_converge_to_the_sum_of_all() {
     }
 }
 
-/// Mirrors have no denoiser: hits that they show go through all lights in reach, where these aren't too many.
+/// Mirrors have no denoiser: their hits evaluate all lights in reach, unless these are too many.
 #[test]
 fn hits_in_mirrors_go_through_the_lights_in_reach() {
     let Some(gpu) = Gpu::new() else { return };
@@ -249,7 +249,7 @@ fn hits_in_mirrors_go_through_the_lights_in_reach() {
     }
 }
 
-/// Lights of no brightness, of no range and at no place; and no light at all.
+/// Lights without brightness, without range and without a place; and no lights.
 #[test]
 fn odd_lights_are_harmless() {
     let Some(gpu) = Gpu::new() else { return };

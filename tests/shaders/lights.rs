@@ -31,7 +31,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
 }
 ";
 
-/// Diffuse light of rectangles. Their highlights take a table of Bevy, with which the mirror suite compares them.
+/// Diffuse light of rectangles. Their highlights use a table of Bevy; the mirror suite compares them with Bevy.
 const LIT_BY_RECT: &str = "
 import package::scene::lights::is_in_reach;
 import package::scene::rect_lights::{rect_corners, rect_diffuse};
@@ -69,7 +69,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
 #[repr(C)]
 struct Lit {
     light: GpuLight,
-    /// And roughness of highlights, where that is more.
+    /// And roughness of highlights, if that is higher.
     position: Vec4,
     /// And roughness.
     normal: Vec4,
@@ -161,11 +161,11 @@ fn what_is_out_of_reach_gets_no_light() {
     }
 }
 
-/// A rough floor draws rays towards a polished surface, in which few of them see the sun.
+/// A rough floor samples rays towards a polished surface, and few of those hits see the sun.
 #[test]
 fn wider_highlights_have_the_same_light_and_less_noise() {
     const RAYS: usize = 1 << 19;
-    // As `HIGHLIGHT_WIDTH` of `shading.wesl` makes of the floor's lobe.
+    // As `HIGHLIGHT_WIDTH` of `shading.wesl` derives it from the floor's lobe.
     const FLOOR_ALPHA: f32 = 0.2;
     const POLISHED: f32 = 0.089 * 0.089;
     let Some(gpu) = Gpu::new() else { return };
@@ -182,7 +182,7 @@ fn wider_highlights_have_the_same_light_and_less_noise() {
         };
         let views: Vec<Vec3> = (0..RAYS)
             .map(|_| {
-                // Floors at many places, so that light which only moves isn't lost.
+                // Floors at many places, so that light that only moves isn't lost.
                 let (tangent, v) = (3.0 * FLOOR_ALPHA * random.next().sqrt(), 2.0 * PI * random.next());
                 let mirror = vec3(-to_light.x, 0.0, to_light.z);
                 let turned = orthonormal_basis(mirror) * vec3(tangent * v.cos(), tangent * v.sin(), 1.0);

@@ -1,4 +1,4 @@
-//! The way of a ray over the screen of the last frame, against a twin in Rust and against the scene that the screen shows.
+//! The march of a ray over the screen of the last frame, against a twin in Rust and against the scene on the screen.
 
 use crate::{
     compute::{READ, texture},
@@ -100,7 +100,7 @@ fn kept(seen: &[f32], pixel: Vec2) -> f32 {
     if kept > 0.0 { kept } else { 2.0 * FAR }
 }
 
-/// Metres by which a surface changes from pixel to pixel.
+/// Change of a surface from pixel to pixel, in metres.
 fn change(seen: &[f32], place: Vec2, far: f32, spread: f32) -> f32 {
     let pixel = place.floor();
     let change = |side: Vec2| {
@@ -191,7 +191,7 @@ fn screen(gpu: &Gpu, seen: &[f32]) -> wgpu::TextureView {
     texture.create_view(&wgpu::TextureViewDescriptor::default())
 }
 
-/// Rays from the floor, of which every other one ends where it hits the scene.
+/// Rays from the floor. Every other one ends at its hit in the scene.
 fn rays(world_from_clip: Mat4) -> Vec<Input> {
     let mut state = 1u32;
     let mut number = || {

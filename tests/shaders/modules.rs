@@ -1,4 +1,4 @@
-//! Shader modules link and validate in every combination of definitions, and their structs match those of the CPU.
+//! Shader modules link and validate in every combination of definitions, and their structs match the CPU's.
 
 use std::mem::offset_of;
 
@@ -265,7 +265,7 @@ fn hit_shading_compiles_as_a_whole() {
         let module = shaders
             .compile("bevy_glint/user.wesl", defs)
             .unwrap_or_else(|error| panic!("{error}"));
-        // Nothing of Bevy's view bindings may slip in with its functions.
+        // Bevy's view bindings must not slip in with its functions.
         let mut bindings: Vec<_> = module
             .global_variables
             .iter()
@@ -296,7 +296,7 @@ fn hit_shading_compiles_as_a_whole() {
     }
 }
 
-/// A single bounce costs nothing: its shaders hold no trace of more.
+/// A single bounce costs nothing: its shaders contain no code for more.
 #[test]
 fn bounces_are_linked_on_request() {
     let mut shaders = Shaders::load();
@@ -337,8 +337,8 @@ fn the_screen_is_linked_on_request() {
     }
 }
 
-/// Scenes without an atmosphere pay nothing for haze: their shaders neither bind its medium nor hold its code, and no ray is looked at that
-/// another pass shades.
+/// Haze costs nothing in scenes without an atmosphere: their shaders neither bind its medium nor contain its code, and rays that another
+/// pass shades are skipped.
 #[test]
 fn haze_is_linked_on_request() {
     let mut shaders = Shaders::load();

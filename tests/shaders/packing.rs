@@ -108,7 +108,7 @@ fn light_passes_through_blended_and_transmissive_materials() {
     assert_eq!(pack(AlphaMode::Opaque, f32::NAN, f32::NAN), (false, 1.0, -1.0, 1.0));
     assert_eq!(pack(AlphaMode::Blend, 0.0, 0.0), (true, 0.25, 1.0, 1.0));
     assert_eq!(pack(AlphaMode::Blend, 7.0, -1.0), (true, 0.25, 0.0, 1.0));
-    // Masks are cut out, and lose what they transmit.
+    // Masks are cut out, and lose their transmission.
     assert_eq!(pack(AlphaMode::Mask(0.5), 0.5, 0.5), (true, 0.25, -1.0, 0.25));
     assert_eq!(pack(AlphaMode::AlphaToCoverage, 0.0, 0.0), (true, 0.25, COVERAGE, 1.0));
 }

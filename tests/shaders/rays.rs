@@ -87,7 +87,7 @@ fn the_second_pixel_of_a_quad_is_diagonal_to_the_first() {
         let chosen = choose(gpu, &[at(0.1, frame), at(0.1, frame + 1)]);
         assert_eq!(chosen[0] ^ chosen[1], UVec2::ONE, "{chosen:?}");
     }
-    // The noise decides where a quad begins.
+    // The noise determines the start of a quad.
     let starts: HashSet<_> = choose(gpu, &[at(0.1, 0), at(0.3, 0), at(0.6, 0), at(0.9, 0)])
         .into_iter()
         .collect();
@@ -149,7 +149,7 @@ fn records_keep_what_they_are_given() {
             continue;
         }
         assert_eq!((output.flags.y, output.offset), (input.flags.y, input.offset));
-        // A tenth of a pixel of a picture of 1080 rows.
+        // A tenth of a pixel of an image with 1080 rows.
         assert!(
             output.direction.distance(input.direction) < 8e-5,
             "{input:?} {output:?}"

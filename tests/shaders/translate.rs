@@ -14,7 +14,7 @@ use std::{
 
 /// Names the program.
 const TRANSLATOR: &str = "GLINT_TRANSLATOR";
-/// Set where a test that can't run must fail.
+/// If this variable is set, a test that can't run must fail.
 const REQUIRED: &str = "GLINT_REQUIRE_TRANSLATIONS";
 
 /// Says that a test can't run.

@@ -92,7 +92,7 @@ impl Shaders {
     /// The WGSL of a module with all that it imports.
     pub fn flatten(&mut self, name: &str, defs: &[ShaderDefVal]) -> Result<String, String> {
         let id = *self.ids.get(name).ok_or_else(|| format!("no module {name}"))?;
-        // As the pipeline cache of a device with storage buffers has them.
+        // As the pipeline cache of a device with storage buffers adds them.
         let mut defs = defs.to_vec();
         defs.push(ShaderDefVal::UInt("AVAILABLE_STORAGE_BUFFER_BINDINGS".into(), 8));
         defs.push("AVAILABLE_STORAGE_BUFFER_BINDINGS__GE_3".into());
@@ -129,7 +129,7 @@ pub fn validate(source: &str) -> Result<naga::Module, String> {
     Ok(module)
 }
 
-/// Folder in which cargo keeps the sources of a Bevy crate, at the version of our lock file.
+/// Folder of the sources of a Bevy crate, at the version of our lock file.
 fn bevy_source(root: &Path, name: &str) -> PathBuf {
     let lock = fs::read_to_string(root.join("Cargo.lock")).expect("the tests need Cargo.lock");
     let line = format!("name = \"{name}\"");

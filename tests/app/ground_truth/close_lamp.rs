@@ -1,7 +1,7 @@
-//! A lamp that lies close to a floor lights no more of it than in the ground truth.
+//! A lamp close to a floor lights no more of it than in the ground truth.
 //!
-//! Rays from beside the lamp hit its underside close by. From some pixels farther away it is seen on edge, and hardly at all: rays
-//! borrowed from there must not count.
+//! Rays from beside the lamp hit its underside at a short distance. Some pixels farther away see the lamp on edge, and hardly at all:
+//! rays borrowed from there must not count.
 
 use crate::{
     common::app,

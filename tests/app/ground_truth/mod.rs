@@ -28,7 +28,7 @@ fn a_mirror_shows_the_mirrored_geometry() {
     mirror(false);
 }
 
-/// And it shows it as Bevy's own lighting does: hits are shaded like surfaces that are seen directly.
+/// The floor is lit like Bevy's own lighting: hits are shaded like surfaces that the camera sees directly.
 #[test]
 fn a_mirror_shows_the_mirrored_light() {
     mirror(true);
@@ -44,13 +44,13 @@ fn mirror(lit: bool) {
         app.step(2);
         let reflected = app.capture().unwrap();
 
-        // Mirrored at y = 0, the picture is upside down; its rows are turned back below.
+        // Mirrored at y = 0, the image is upside down. Its rows are turned back below.
         app.world().entity_mut(camera).remove::<RayTracedReflections>();
         let mut transform = *app.world().get::<Transform>(camera).unwrap();
         let mirrored = |v: Vec3| Vec3::new(v.x, -v.y, v.z);
         let (eye, forward) = (mirrored(transform.translation), mirrored(*transform.forward()));
         transform = Transform::from_translation(eye).looking_to(forward, -mirrored(*transform.up()));
-        // A camera can't be mirrored, only turned: up is the mirrored up, negated twice by turning the picture over.
+        // A camera can be turned but not mirrored: its up vector is the mirrored one negated, and flipping the image negates it again.
         *app.world().get_mut::<Transform>(camera).unwrap() = transform;
         hide_floor(&mut app);
         app.step(4);
@@ -62,7 +62,7 @@ fn mirror(lit: bool) {
             for x in 0..width {
                 let flipped = (size.y as usize - 1 - y) * width + x;
                 let (a, b) = (&reflected[4 * (y * width + x)..][..3], &below[4 * flipped..][..3]);
-                // Only the floor's pixels: elsewhere the real scene is in front, or the background on both sides.
+                // Only the floor's pixels: elsewhere the real scene is in front, or both sides show the background.
                 if on_floor(x, y, size) {
                     compared += 1;
                     let apart = a.iter().zip(b).any(|(a, b)| a.abs_diff(*b) > 12);
@@ -144,14 +144,14 @@ fn on_floor(x: usize, y: usize, size: UVec2) -> bool {
     (0.25..0.75).contains(&x) && (0.72..0.95).contains(&y)
 }
 
-/// In a white furnace a white surface can't be told from the background, whatever its roughness, nor can its reflection in other white
+/// In a white furnace a white surface looks like the background, whatever its roughness, and so does its reflection in other white
 /// surfaces.
 #[test]
 fn a_white_furnace_stays_white() {
     let size = UVec2::new(180, 90);
     for (tracer, mut app) in apps_of_both(size, Output::Linear) {
         let camera = spawn(&mut app, SceneName::Furnace, ReflectionTechnique::Converged);
-        // Objects are merged meanwhile, which begins the mean anew.
+        // Objects are merged meanwhile, and merging restarts the mean.
         app.step(64);
         let bounces = match tracer {
             ReflectionTracerChoice::RayQuery => &[1, 4][..],
@@ -205,13 +205,13 @@ fn set_bounces(app: &mut HeadlessApp, camera: Entity, max_bounces: u32) {
     let mut settings = app.world().get_mut::<RayTracedReflections>(camera).unwrap();
     settings.max_bounces = max_bounces;
     settings.bounce_roughness_cutoff = 1.0;
-    // The report is that of the frame before.
+    // The report is one frame old.
     app.step(2);
     warm_up(app);
     app.world().get_mut::<RayTracedReflections>(camera).unwrap().reset = true;
 }
 
-/// Bevy's path tracer agrees where one bounce is all there is.
+/// Bevy's path tracer agrees if one bounce is enough.
 #[test]
 fn converged_agrees_with_a_path_tracer() {
     let size = UVec2::new(160, 90);
@@ -300,7 +300,7 @@ fn both_tracers_show_the_same_picture() {
     assert!(added > 0.02, "{added}");
 }
 
-/// The measure itself: pictures that must differ do.
+/// Tests the measure itself: it detects images that must differ.
 #[test]
 fn known_degradations_are_told_apart() {
     let size = UVec2::new(320, 180);

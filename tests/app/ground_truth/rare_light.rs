@@ -1,6 +1,6 @@
-//! The light of a small lamp, which few rays from a rough floor meet, is all there while the camera moves.
+//! The light of a small lamp, which few rays from a rough floor hit, is not lost while the camera moves.
 //!
-//! Most frames of a pixel see none of it: history that is clipped to those grows dark.
+//! Most frames of a pixel don't see the lamp, and a history that is clipped to them grows dark.
 
 use crate::{
     common::app,
@@ -16,7 +16,7 @@ const GROUND_TRUTH_FRAMES: u32 = 512;
 const MOVING_FRAMES: u32 = 64;
 /// Number of restarted histories for the mean.
 const HISTORIES: u32 = 3;
-/// In parts of the true light: it is 0.02. It was -0.60 when a frame told of little more variance than was known.
+/// Relative to the true light: it is 0.02. It was -0.60 when clipping underestimated the variance.
 const MOST_BIAS: f32 = 0.1;
 
 #[test]

@@ -1,6 +1,6 @@
-//! Every technique shows as much reflected light as the ground truth, also where shading normals lean far from their triangles.
+//! Every technique shows as much reflected light as the ground truth, even if shading normals lean far from their triangles.
 //!
-//! The object is black but for its reflections, and all around it is unlit: its pixels hold reflected light and nothing else.
+//! The object is black except for its reflections, and everything around it is unlit: its pixels contain only reflected light.
 
 use crate::{common::app, pictures::warm_up};
 use bevy::{
@@ -22,9 +22,9 @@ const STATIC_FRAMES: u32 = 48;
 const MOVING_FRAMES: u32 = 20;
 /// Pixels this close to an outline don't count.
 const OUTLINE: i32 = 3;
-/// Number of restarted histories for the mean: one history is 0.3 % off by its noise in a static view, 0.5 % in motion.
+/// Number of restarted histories for the mean. One history is 0.3 % off by its noise in a static view, 0.5 % in motion.
 const HISTORIES: u32 = 3;
-/// In percent. Records without the density of turned rays made it -13 to +12; `quarter` has 0.9, since it divides by sums of weights.
+/// In percent. Records without the density of turned rays made it -13 to +12. `quarter` has 0.9, since it divides by sums of weights.
 const MOST_BIAS_STATIC: f32 = 1.5;
 const MOST_BIAS_MOVING: f32 = 2.5;
 

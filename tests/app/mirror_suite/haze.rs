@@ -78,8 +78,8 @@ fn marched() -> AtmosphereSettings {
 }
 
 impl Stage<'_> {
-    /// Surrounds everything with air, of which a metre is `metre` units, and lights it from the side: air on the way to the mirror is as bright
-    /// as behind it.
+    /// Surrounds everything with air, in which a metre is `metre` units, and lights it from the side: air on the way to the mirror is
+    /// as bright as behind it.
     fn lie_in_haze(&mut self, settings: AtmosphereSettings, metre: f32) {
         let medium = ScatteringMedium::earth(64, 64);
         let medium = self.app.world().resource_mut::<Assets<ScatteringMedium>>().add(medium);
@@ -100,7 +100,8 @@ impl Stage<'_> {
         ));
     }
 
-    /// Glass that transmits so little that nothing is visible behind it. Only forward is it drawn by cameras without a pass for it.
+    /// Glass with so little transmission that nothing is visible behind it. Cameras without a pass for such glass draw it only with
+    /// forward rendering.
     fn hang_glass_in_haze(&mut self) {
         self.lie_in_haze(AtmosphereSettings::default(), 1.0);
         self.spawn(StandardMaterial {
@@ -131,8 +132,8 @@ impl Stage<'_> {
         self.app.world().entity_mut(sun).insert(down);
     }
 
-    /// Objects to the right of a second mirror, behind the camera at an angle of 45 degrees. The first mirror shows them in that alone,
-    /// and is too far from it to be seen there.
+    /// Objects to the right of a second mirror, which is behind the camera at an angle of 45 degrees. The first mirror shows them only
+    /// in the second one, which is too far away to see the first one.
     fn spawn_beside(&mut self) {
         let unlit = StandardMaterial { unlit: true, ..blue() };
         let white = StandardMaterial {

@@ -39,7 +39,7 @@ pub(super) const ROWS: [Row; 6] = [
     }),
 ];
 
-/// The bits of a half float: so many parts of 128, at least one.
+/// The bits of a half float with the value `parts` / 128; at least one part.
 fn half_float_of_128ths(parts: u8) -> u16 {
     let exponent = u16::from(parts).ilog2() as u16;
     let rest = u16::from(parts) - (1 << exponent);
@@ -53,8 +53,8 @@ impl Stage<'_> {
         })
     }
 
-    /// An image with this number of texels and no repeated part. Its borders match: where images repeat, edges would differ in single
-    /// pixels. `texel` makes bytes of a value.
+    /// An image with this number of texels and no repeated part. Its borders match, because edges would differ in single pixels when
+    /// the image repeats. `texel` makes bytes of a value.
     fn pattern_of(&mut self, format: TextureFormat, size: UVec2, texel: impl Fn(u8) -> Vec<u8>) -> Handle<Image> {
         let texels = (0..size.element_product()).flat_map(|i| {
             let place = UVec2::new(i % size.x, i / size.x);

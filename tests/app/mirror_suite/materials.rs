@@ -117,7 +117,7 @@ impl Stage<'_> {
     fn paint(&mut self) {
         self.change_meshes(|mesh| {
             let count = mesh.count_vertices();
-            // Few borders: where colours change from pixel to pixel, half a pixel makes a difference.
+            // Few borders: if colours change from pixel to pixel, half a pixel makes a difference.
             let colors = (0..count).map(|i| {
                 if 2 * i < count {
                     [4.0, 1.0, 0.02, 1.0]

@@ -79,7 +79,7 @@ pub(super) const ROWS: [Row; 12] = [
     }),
     ("a point light in a volume of fog", |stage| {
         stage.add_dark_fog();
-        // Near the lamp its light is more uneven than Bevy's usual steps tell.
+        // The light near the lamp is too uneven for Bevy's default number of steps.
         stage.dress(VolumetricFog {
             ambient_intensity: 0.0,
             step_count: 1024,
@@ -166,7 +166,7 @@ impl Stage<'_> {
         self.dress(AtmosphereSettings::default());
     }
 
-    /// The same, and lights it by a low sun.
+    /// Like `add_air`, with a low sun.
     fn breathe(&mut self, illuminance: f32) {
         self.add_air();
         self.add((
@@ -181,7 +181,7 @@ impl Stage<'_> {
 
     /// Fog between the camera and the wall behind it.
     fn add_dark_fog(&mut self) {
-        // Points in fog whose shadows are tested are drawn, as are those of a mirror that the denoiser smooths.
+        // Points in fog with shadow tests are sampled, and so are the points of a mirror that the denoiser smooths.
         self.technique = ReflectionTechnique::Converged;
         self.frames = 64;
         self.dress(VolumetricFog {
@@ -203,7 +203,7 @@ impl Stage<'_> {
         ));
     }
 
-    /// Adds light that it shows, too.
+    /// Adds the light that makes it visible, too.
     fn add_fog_volume(&mut self) {
         self.add_dark_fog();
         self.add((
@@ -217,7 +217,7 @@ impl Stage<'_> {
         ));
     }
 
-    /// Gives the fog a texture of its density, which is dense and thin in turn along each axis.
+    /// Gives the fog a density texture, which is alternately dense and thin along each axis.
     fn texture_fog(&mut self) {
         const SIZE: u32 = 8;
         let texel = |i: u32| {

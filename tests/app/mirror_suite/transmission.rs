@@ -7,7 +7,7 @@ use bevy::{
     prelude::*,
 };
 
-/// Direction of light from behind the spawned objects. It grazes the mirror, which shows next to none of it.
+/// Direction of light from behind the spawned objects. It grazes the mirror, which reflects almost none of it.
 const FROM_BEHIND: Vec3 = Vec3::new(-1.0, -0.5, -0.15);
 
 pub(super) const ROWS: [Row; 4] = [

@@ -25,7 +25,7 @@ use glint_scenes::{HeadlessApp, Output, SceneName, environment};
 fn pixels_that_must_not_reflect_are_left_alone() {
     for (tracer, mut app) in apps(SIZE, Output::Picture) {
         let camera = spawn_camera(&mut app, BEFORE_THE_MIRROR, SceneName::Furnace);
-        // Bevy draws transparent surfaces a little differently where these exist; the component will bring them.
+        // Bevy draws transparent surfaces a little differently with these prepasses, which the component will add.
         app.world()
             .entity_mut(camera)
             .insert((NormalPrepass, MotionVectorPrepass));
@@ -107,7 +107,7 @@ fn a_camera_that_lacks_something_shows_an_ordinary_picture() {
         camera.insert(ScreenSpaceReflections::default());
     };
     let forward = |camera: &mut EntityWorldMut| {
-        // With deferred materials Bevy panics over a camera that has other prepasses.
+        // With deferred materials Bevy panics for a camera that has other prepasses.
         camera.remove::<Prepasses>();
     };
     let multisampled = |camera: &mut EntityWorldMut| {
@@ -129,7 +129,7 @@ fn a_camera_that_lacks_something_shows_an_ordinary_picture() {
     let shot = |app: &mut HeadlessApp| {
         app.warm_up(20_000).unwrap();
         app.step(4);
-        // Noise goes by the frame.
+        // Noise depends on the frame number.
         app.world().resource_mut::<FrameCount>().0 = 7;
         app.step(1);
         app.capture().unwrap()
@@ -146,14 +146,14 @@ fn a_camera_that_lacks_something_shows_an_ordinary_picture() {
         change(&mut app.world().entity_mut(camera));
         let off = shot(&mut app);
         app.world().entity_mut(camera).insert(RayTracedReflections::default());
-        // The component brought what it needs; take it away again.
+        // The component has added the ones that it needs. Removes them again.
         change(&mut app.world().entity_mut(camera));
         let on = shot(&mut app);
         assert_eq!(differing_pixels(&off, &on, 1), 0, "{name}");
         app.world().despawn(camera);
     }
 
-    // Bevy itself switches multisampling off where a camera is deferred; then reflections are traced.
+    // Bevy itself switches multisampling off for deferred cameras, and reflections are traced then.
     let camera = spawn_camera(&mut app);
     let off = shot(&mut app);
     app.world()
@@ -233,7 +233,7 @@ fn spawn_odd_objects(app: &mut HeadlessApp) {
 
 /// An intact light, and lights of intensities that are not finite.
 fn spawn_odd_lights(app: &mut HeadlessApp) {
-    // Their range ends behind the camera: they light objects in the mirrors, and none in the picture.
+    // Their range ends behind the camera: they light objects in the mirrors, and no directly visible ones.
     for intensity in [f32::NAN, f32::INFINITY] {
         let light = PointLight {
             intensity,
@@ -274,12 +274,12 @@ fn every_pixel_is_a_number() {
                 "{tracer:?}, {technique:?}: the glowing cube is reflected, but only {brightest}"
             );
         }
-        // The intact cubes and the intact triangle: neither flattened, nor empty, nor shrunk to a point.
+        // The intact cubes and the intact triangle, but not the flattened, empty or shrunken ones.
         assert!(report(&mut app).instances >= 6 + 4, "{:?}", report(&mut app));
     }
 }
 
-/// Images that are wider than a technique can trace are declined, and keep the app alive.
+/// Images that are too wide for a technique are rejected, and the app keeps running.
 #[test]
 fn wide_pictures_are_declined() {
     let size = UVec2::new(8_320, 8);

@@ -18,7 +18,7 @@ use glint_scenes::{HeadlessApp, Output, SceneName};
 /// Positions of the quantised mesh and its normals differ a little: this number of pixels at edges can differ.
 const EDGE_PIXELS: usize = 10;
 
-/// With a mirror that fills its picture.
+/// With a mirror that fills its image.
 fn camera_with_mirror(app: &mut HeadlessApp) -> Entity {
     spawn_mesh(app, wall(), metal(0.0), Transform::IDENTITY);
     spawn_camera(app, BEFORE_THE_MIRROR, SceneName::MirrorRoom)
@@ -29,7 +29,7 @@ fn count(picture: &[u8], color: [u8; 3]) -> usize {
     picture.chunks_exact(4).filter(close).count()
 }
 
-/// The picture while one more object is there.
+/// The image with one more object.
 fn picture_with(app: &mut HeadlessApp, mesh: Mesh, material: StandardMaterial, transform: Transform) -> Vec<u8> {
     let entity = spawn_mesh(app, mesh, material, transform);
     // A mesh of the render world alone is seen a frame later than others.
@@ -105,7 +105,7 @@ fn plain_lookalikes(
     textured: &StandardMaterial,
     at: Transform,
 ) -> [(&'static str, Mesh, StandardMaterial, Transform); 5] {
-    // Without UVs a texture can't be seen, and bare positions are enough.
+    // Without UVs a texture isn't visible, and bare positions are enough.
     let no_uvs = base.clone().with_removed_attribute(Mesh::ATTRIBUTE_UV_0);
     let bare = no_uvs.clone().with_removed_attribute(Mesh::ATTRIBUTE_NORMAL);
     let inverted = StandardMaterial {
@@ -215,7 +215,7 @@ fn faces_and_holes_are_seen_as_the_material_says() {
             );
         }
 
-        // Every other column of the texture's eight is a hole, through which the green quad is seen.
+        // Every other column of the texture's eight is a hole, through which the green quad is visible.
         let texels = (0..64u8)
             .flat_map(|i| [255, 255, 255, if i % 2 == 0 { 255 } else { 0 }])
             .collect();
@@ -249,7 +249,7 @@ fn faces_and_holes_are_seen_as_the_material_says() {
     }
 }
 
-/// A ray goes on behind any number of surfaces that are cut out where it meets them.
+/// A ray passes through any number of surfaces that are cut out where it meets them.
 #[test]
 fn rays_pass_through_many_holes() {
     const LAYERS: usize = 400;

@@ -1,4 +1,4 @@
-//! Surfaces that rays don't see at all, found on the screen: `ScreenTraces::March`.
+//! Surfaces that rays don't see, found on the screen: `ScreenTraces::March`.
 
 use super::{LOWER, Stage, lower};
 use crate::{
@@ -11,10 +11,10 @@ use bevy_glint::{NotReflected, ReflectionDenoiser, ReflectionTechnique, Reflecti
 /// Mean FLIP of the board in the mirror and the image of a camera in its place: its outline is known to a pixel, and a small image has
 /// few of these.
 const SAME: f32 = 0.15;
-/// The same without the board, at least.
+/// Minimum mean FLIP without the board.
 const OTHER: f32 = 0.25;
 
-/// Mean FLIP of the lower half of two pictures.
+/// Mean FLIP of the lower half of two images.
 fn apart(name: &str, expected: &[u8], actual: &[u8]) -> f32 {
     dump(name, SIZE, expected, actual);
     let apart = flip(LOWER, lower(expected), lower(actual)).0;
@@ -71,7 +71,7 @@ fn the_ground_truth_shows_none(stage: &mut Stage) {
     assert_eq!(differing_pixels(&without, &with, 0), 0);
 }
 
-/// It doesn't fade out of still pictures.
+/// It doesn't fade out of static images.
 fn views_never_rest(stage: &mut Stage, expected: &[u8]) {
     stage.set(|settings| {
         settings.technique = ReflectionTechnique::Variable;
@@ -105,7 +105,7 @@ fn reflections_on_glass_show_what_rays_do_not_see() {
     assert!(with > 2 * without.max(1));
 }
 
-/// Nothing is found before hits if rays see all that the screen shows.
+/// If rays see everything on the screen, the march finds nothing before their hits.
 #[test]
 fn what_rays_see_is_theirs() {
     let Some(mut stage) = Stage::new(ReflectionTracerChoice::Bvh, metal(0.0)) else {

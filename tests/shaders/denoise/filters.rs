@@ -158,7 +158,7 @@ fn weights_are_lobe_times_inverse_pdf() {
                 if !sample.valid || sample.direction.z < 0.01 {
                     continue;
                 }
-                // A lobe weighs its own rays with the sampler's weight, and another's with f * cos / pdf.
+                // A lobe weighs its own rays with the sampler's weight, and another lobe's rays with f * cos / pdf.
                 for factor in [1.0, 0.6, 1.7] {
                     let other = (alpha * factor).min(1.0);
                     let fresnel = fresnel_schlick(vec3(0.9, 0.5, 0.04), 1.0, sample.half_dot_view);

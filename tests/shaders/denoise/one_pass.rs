@@ -15,9 +15,9 @@ const FRAMES: u32 = 6;
 const UNTOUCHED: u16 = 0x4242;
 /// Largest relative difference: halves are rounded in another place, at random, and clipping follows their neighbours.
 const MOST_DIFFERENCE: f32 = 0.02;
-/// The same on the mean of the pixels at borders of workgroups, which know other neighbours.
+/// Largest relative difference of the mean of the pixels at borders of workgroups, which see other neighbours.
 const MOST_DIFFERENCE_AT_BORDERS: f32 = 0.1;
-/// Largest relative difference of the sums of all of them: borders must not show.
+/// Largest relative difference of the sums of all of them: borders must not be visible.
 const MOST_SHIFT: f32 = 0.01;
 
 /// Bright blots that move from frame to frame over a dim wall.
@@ -40,7 +40,7 @@ fn is_at_border(pixel: UVec2, size: UVec2) -> bool {
     place.min_element() == 0 || place.max_element() == GROUP - 1 || (pixel + 1).cmpge(size).any()
 }
 
-/// Frames by one pass and by two, each with a history of its own.
+/// Frames by one pass and by two, each with its own history.
 #[test]
 fn one_pass_finds_what_two_find() {
     let Some((gpu, mut shaders)) = gpu() else { return };

@@ -46,7 +46,7 @@ pub struct View {
     pub tiles: UVec2,
     /// In each direction.
     pub tile_pixels: u32,
-    /// Workgroups take 16x16 pixels, not 8x8.
+    /// Workgroups cover 16x16 pixels instead of 8x8.
     pub wide: bool,
     /// Definitions of the pass besides.
     pub defs: &'static [&'static str],
@@ -74,7 +74,7 @@ pub struct Pass<'a> {
 }
 
 impl<'a> Pass<'a> {
-    /// `uniforms` makes those of the view and of the settings for a flattened shader.
+    /// `uniforms` makes the uniforms of the view and of the settings for a flattened shader.
     pub fn new(
         gpu: &'a Gpu,
         shaders: &mut Shaders,

@@ -82,7 +82,7 @@ fn a_single_ray_is_weighed_as_the_sampler_weighs_it() {
             let f0 = Wall::f0();
             let mut throughput = reflection_throughput(&ray.sample, f0, specular_f90(f0), albedo, Vec3::ONE);
             if let Some(other) = wall.other(&ray) {
-                // Two sampled directions lead where this ray leads, and it represents both.
+                // Two sampled directions lead to the direction of this ray, and it represents both.
                 let directions = [ray.sample.direction, other];
                 let density: f32 = directions
                     .iter()
@@ -103,7 +103,7 @@ fn a_single_ray_is_weighed_as_the_sampler_weighs_it() {
             let expected = if roughness == 0 { Vec3::ONE } else { throughput };
             for channel in 0..3 {
                 let (found, expected) = (texel.radiance[channel], seen(pixel)[channel] * expected[channel]);
-                // Directions close to the horizon keep few digits.
+                // Directions close to the horizon have few significant digits.
                 let error = (found - expected).abs();
                 assert!(
                     error < 0.02 * expected + 2e-3,
@@ -130,7 +130,7 @@ fn lamp(wall: &Wall, ray: &Ray) -> [f32; 4] {
     }
 }
 
-/// Mean green of the lamp over all rays of a frame, each weighed on its own.
+/// Mean green of the lamp over all rays of a frame, each weighted on its own.
 fn lamp_light(wall: &Wall, table: &DirectionalAlbedo) -> f32 {
     let (size, f0) = (wall.trace_size(), Wall::f0());
     let pixels = (0..size.y).flat_map(|y| (0..size.x).map(move |x| uvec2(x, y)));
@@ -219,7 +219,7 @@ fn rays_that_are_no_numbers_are_left_out() {
             }
         };
         for texel in wall.reconstruct(gpu, &mut shaders, seen) {
-            // If all rays in reach are odd, none is known: then the history decides.
+            // If all rays in reach are odd, there is no reference, and the history decides.
             assert!(
                 texel.packed_weight == 0.0 || texel.radiance.iter().all(|value| (value - 1.0).abs() < 2e-3),
                 "{texel:?}"
@@ -362,7 +362,7 @@ fn history_of_something_else_is_dropped() {
     restarts("turned", &changed(&turned), &wall);
 }
 
-/// The remainder of a value 8 frames after another took its place in the 32nd frame; `prepare` sees the wall of each frame.
+/// The remainder of a value 8 frames after a new value replaced it in the 32nd frame. `prepare` gets the wall of each frame.
 fn left_after_change(
     gpu: &Gpu,
     shaders: &mut Shaders,
@@ -531,7 +531,7 @@ fn noise_of_a_flat_wall_is_blurred() {
     );
 }
 
-/// Each patch of 16x16 pixels has a shading normal of its own and sees light of its own, on one flat triangle.
+/// Each patch of 16x16 pixels has its own shading normal and its own light, on one flat triangle.
 #[test]
 fn lobes_of_different_normals_are_not_blurred_together() {
     let Some((gpu, mut shaders)) = gpu() else { return };

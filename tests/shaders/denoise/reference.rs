@@ -184,7 +184,7 @@ pub fn blur_radius(widest: f32, relative_variance: f32, length: f32, roughness: 
     widest * (3.0 * noise).clamp(0.0, 1.0) * (4.0 * roughness).clamp(0.0, 1.0)
 }
 
-/// From the definition: neighbouring pixels see images that differ by `spread` and by where the surface lies.
+/// From the definition: the images that neighbouring pixels see differ by `spread` and by the distance of the surface.
 pub fn image_angle(spread: f32, distance: f32, hit: f32, orthographic: bool) -> f32 {
     if orthographic {
         spread / hit

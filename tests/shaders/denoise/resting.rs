@@ -1,4 +1,4 @@
-//! Pixels without rays in a frame: those of tiles that rest, and mirrors between their rays.
+//! Pixels without rays in a frame: in resting tiles, and between the rays of mirrors.
 
 use super::{
     passes::{AS_EXPECTED, gpu, image, lengths, mean},
@@ -12,7 +12,7 @@ const BORROWED: f32 = 0.25;
 const RESTING: u32 = 0x200;
 const MIRROR_HISTORY: u32 = 64;
 
-/// Tiles without rays in a frame, and mirror pixels that only neighbours have rays for, stay as they were.
+/// Tiles without rays in a frame, and mirror pixels with rays only in their neighbours, stay unchanged.
 #[test]
 fn what_has_no_rays_shows_its_history() {
     let Some((gpu, mut shaders)) = gpu() else { return };
@@ -48,7 +48,7 @@ fn what_has_no_rays_shows_its_history() {
         assert!((mean(&shown) / light - 1.0).abs() < 0.02, "{name}: {}", mean(&shown));
         assert!(lengths(&shown).iter().all(|found| *found <= length), "{name}");
     }
-    // A ray of the mirror pixel's own takes the place of its history at once.
+    // A mirror pixel's own ray replaces its history at once.
     let first = mirror.accumulate(gpu, &mut shaders, &image(&mirror, 5.0, 0), &mirror.no_history());
     let next = Wall {
         accumulated: 1,

@@ -49,13 +49,13 @@ pub struct Wall {
     pub samples: u32,
     pub flags: u32,
     pub frame: u32,
-    /// Frames that the history holds.
+    /// Number of frames in the history.
     pub accumulated: u32,
     /// Frames without a change.
     pub rest: u32,
-    /// The passes are those that know pictures at rest.
+    /// The passes support static images.
     pub knows_rest: bool,
-    /// Blocks by their first pixel with nothing to trace: their records are empty, and their radiance is of another frame.
+    /// Blocks, given by their first pixel, with nothing to trace: their records are empty, and their radiance is left from another frame.
     pub untraced: fn(UVec2) -> bool,
 }
 
@@ -65,7 +65,7 @@ pub struct Reconstructed {
     pub radiance: [f32; 3],
     pub variance: f32,
     pub distance: f32,
-    /// Mean weight of the rays: 8 where it is as expected, 0 without any ray.
+    /// Mean weight of the rays: 8 if it is as expected, 0 without any ray.
     pub packed_weight: f32,
 }
 
@@ -288,7 +288,7 @@ impl Wall {
         (self.position(ray.pixel), drawn.with_z(drawn.z.abs()))
     }
 
-    /// The other drawn direction that ends in the same one, in local space; `None` where none would be drawn.
+    /// The other sampled direction that ends in the same one, in local space; `None` if there is no such direction.
     pub fn other(&self, ray: &Ray) -> Option<Vec3> {
         let basis = orthonormal_basis(self.normal(ray.pixel));
         let drawn = basis * ray.sample.direction;
@@ -441,12 +441,12 @@ impl Wall {
         texels.map(|[red, ..]| unhalf(red)).collect()
     }
 
-    /// Definitions for pictures at rest: the passes of those in motion lack them.
+    /// Definitions for static images: the passes for moving ones lack them.
     fn rest_defs(&self) -> &'static [&'static str] {
         if self.knows_rest { &["REST"] } else { &[] }
     }
 
-    /// A history that holds nothing.
+    /// An empty history.
     pub fn no_history(&self) -> History {
         let count = (self.size.x * self.size.y) as usize;
         History {

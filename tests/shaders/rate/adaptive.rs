@@ -278,7 +278,7 @@ fn adaptive_decides_as_on_the_cpu() {
     assert!(found.len() >= 8, "the cases show too little: {found:?}");
 }
 
-/// After a cut nothing is known: all rays, and all help of neighbours.
+/// After a cut there is no past: all rays, and all help of neighbours.
 #[test]
 fn without_a_past_all_tiles_get_all_rays() {
     let Some(gpu) = Gpu::new() else { return };

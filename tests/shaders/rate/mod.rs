@@ -22,7 +22,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 const BUILT_IN: &str = "bevy_glint/rate/classify.wesl";
 
-/// The example in the docs of `ShadingRateHeuristic::Custom`, in a package of its own.
+/// The example in the docs of `ShadingRateHeuristic::Custom`, in its own package.
 const CUSTOM: &str = "
 import bevy_glint::rate::codes::{RATE_1X1, RATE_2X2};
 import bevy_glint::rate::tile::{finish_tile, gather_tile, TILE_THREADS};
@@ -324,7 +324,7 @@ fn rays_are_as_many_as_the_rate_says() {
     }
 }
 
-/// A view that shows one surface, and the rate that all of its tiles get.
+/// A view that shows one surface, and the rate of all its tiles.
 fn rate_of(gpu: &Gpu, shaders: &mut Shaders, heuristic: &ShadingRateHeuristic, surface: Surface) -> ShadingRate {
     let mut case = Case::new(Frame::filled(uvec2(64, 64), surface), heuristic.clone());
     case.cutoff = 1.0;
@@ -352,7 +352,7 @@ fn the_papers_table_is_reproduced() {
     ] {
         let paper = ShadingRateHeuristic::PAPER_ROUGHNESS;
         let mut surface = Surface::new(roughness);
-        // A mirror with a coat has no ray of its own.
+        // A mirror with a coat doesn't get its own ray.
         surface.clearcoat = if roughness == 0 { 1 } else { 0 };
         assert_eq!(
             rate_of(gpu, &mut shaders, &paper, surface),
@@ -396,7 +396,7 @@ fn combined_blocks_lie_along_the_stretch() {
     // Smooth metal, and near mirrors.
     assert_eq!(rate(Surface::new(60)), ShadingRate::R1x1);
     assert_eq!(rate(Surface::new(20)), ShadingRate::R1x1);
-    // A bright wall reflects little where it is seen head-on.
+    // A bright wall reflects little when seen head-on.
     let wall = Surface {
         color: [230; 3],
         metallic: 0,

@@ -120,7 +120,7 @@ impl Resources {
             .collect()
     }
 
-    /// Reads the results of the pass, and checks that it wrote nothing behind the ends of its lists.
+    /// Reads the results of the pass, and checks that it wrote nothing beyond the ends of its lists.
     fn read(&self, gpu: &Gpu, case: &Case) -> Output {
         let arguments: Vec<u32> = gpu.read(&self.arguments);
         let list = |buffer: &Buffer, count: u32| {

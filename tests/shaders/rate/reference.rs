@@ -180,7 +180,7 @@ struct Uniform {
 }
 
 impl Uniform {
-    /// Without members where the shader doesn't use the struct.
+    /// Without members if the shader doesn't use the struct.
     fn new(module: &naga::Module, name: &str) -> Self {
         let suffix = format!("_{name}");
         for (_, ty) in module.types.iter() {
@@ -245,7 +245,7 @@ pub struct Looks {
 pub struct Tile {
     pub pixels: u32,
     pub mirrors: BTreeSet<[u32; 2]>,
-    /// Trace pixels that hold something that shares rays.
+    /// Trace pixels with a surface that shares rays.
     pub sharing: BTreeMap<[u32; 2], Looks>,
     pub roughness: f32,
     pub minimum: f32,
@@ -441,7 +441,7 @@ impl Camera {
         };
         let local = self.view_from_world * normal;
         let cosine = local.dot(to_viewer);
-        // Moves the surface along its normal and looks where it goes on the screen, in a plane at distance 1.
+        // Moves the surface along its normal and measures its shift on the screen, in a plane at distance 1.
         let on_screen = |point: Vec3| {
             if self.orthographic {
                 point.xy()

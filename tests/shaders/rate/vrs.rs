@@ -9,7 +9,7 @@ const ACTIVE: u32 = 0x100;
 const RESTING: u32 = 0x200;
 const RATE_4X4: u32 = 10;
 
-/// Two thirds of the tiles are active, and every fifth rests; with all codes and bits that mean nothing here.
+/// Two thirds of the tiles are active, and every fifth rests. All codes occur, and bits without a meaning here.
 fn rates(width: u32, height: u32) -> Vec<u32> {
     let codes = [0, 1, 2, 4, 5, 6, 8, 9, 10];
     let texel = |i: u32| {

@@ -28,7 +28,7 @@ fn chi_square_tail(x: f64, freedom: f64) -> f64 {
     if z > 0.0 { tail } else { 1.0 - tail }
 }
 
-/// Bins over half vectors in coordinates where the lobe of any alpha looks the same: the last bin holds lost samples.
+/// Bins over half vectors, in coordinates in which the lobe of any alpha looks the same. The last bin contains lost samples.
 const RINGS: usize = 12;
 const SECTORS: usize = 12;
 const BINS: usize = RINGS * SECTORS + 1;
@@ -83,7 +83,7 @@ fn samples_follow_their_density() {
         for alpha in ALPHAS {
             for (case, cosine) in COSINES.into_iter().enumerate() {
                 let view = guard_view(view_at(cosine, 0.7 + case as f32));
-                // A histogram with steps from rounded directions teaches nothing.
+                // A histogram with steps from rounded directions is useless.
                 if direction_digits(alpha, cosine) > 0.01 {
                     continue;
                 }

@@ -36,7 +36,7 @@ fn sobol_points_are_stratified_at_any_index() {
     }
 }
 
-/// The numbers of a sample: its lobe, its direction, and those of each bounce.
+/// The random numbers of a sample: its lobe, its direction, and the ones of each bounce.
 #[test]
 fn dimensions_of_a_sample_are_independent() {
     for pixel in [uvec2(0, 0), uvec2(17, 5), uvec2(1919, 1079)] {

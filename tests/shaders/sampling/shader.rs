@@ -116,7 +116,7 @@ fn samples_are_those_of_the_twin() {
             assert!(drawn.direction.z.min(output.direction.z) < 1e-4, "{case}");
             continue;
         }
-        // Half vectors keep fewer digits the more they are squeezed; GPUs round sine, cosine and roots less carefully.
+        // The more half vectors are squeezed, the fewer digits they keep; GPUs round sine, cosine and roots less carefully.
         let slack = 1e-4 + 3e-6 / (input.alpha.max(0.01) * drawn.half_dot_view.max(1e-3));
         assert!(drawn.direction.distance(output.direction) < 2e-5, "{case}");
         assert!(close(drawn.weight, output.weight, slack), "{case}");

@@ -29,7 +29,7 @@ fn compare(scene: &Packed, rays: &[TraceRay], tolerance: f64, floor: f64) {
     assert!(hits * 4 > rays.len(), "only {hits} of {} rays hit", rays.len());
 }
 
-/// For scenes in which not all that is hit casts a shadow.
+/// For scenes in which some surfaces that rays hit cast no shadow.
 fn compare_with_shadows(scene: &Packed, rays: &[TraceRay]) {
     let view = scene.view();
     let mut counters = Counters::default();
@@ -114,7 +114,7 @@ proptest! {
             mesh(Soup::Random, 90, 2.0, Vec3::ONE, &mut random),
         ];
         let instances: Vec<_> = (0..count).map(|i| (i % 2, placement(&mut random, 4.0))).collect();
-        // Some instances stay single, unless there is one tree alone.
+        // Some instances stay single, unless there is only one tree.
         let packing = |i: usize| Packing {
             tree: Some(i as u32 % (2 * trees - 1)).filter(|tree| *tree < trees),
             ..Packing::SINGLE
@@ -179,7 +179,7 @@ fn the_tlas_may_be_one_entry_or_empty() {
     }
 }
 
-/// The same hits from the same rays, whether objects are merged or not.
+/// Merged objects give the same hits for the same rays as single ones.
 #[test]
 fn merging_changes_no_hit() {
     let mut random = Random(21);

@@ -11,7 +11,7 @@ use bevy_glint::internals::{
     gpu_types::{GpuInstance, GpuSceneCounts},
 };
 
-/// Trees for the shader, which can be none.
+/// Trees for the shader, which need not be valid.
 struct Trees {
     items: Vec<Item>,
     counts: GpuSceneCounts,
@@ -76,7 +76,7 @@ fn traversals_of_corrupt_trees_end() {
                     let text = format!("{what}, stack of {stack_size}, {checks:?}: {ray:?} {answer:?}");
                     let is_number = answer.t <= ray.t_max && answer.barycentrics.iter().all(|part| part.is_finite());
                     assert!(is_number && answer.flags <= 3, "{text}");
-                    // A circle still holds the right triangles.
+                    // A circle still contains the right triangles.
                     let is_known = answer.instance == NO_HIT || (answer.instance == 0 && answer.primitive < count);
                     assert!(is_known || *what != CIRCLE, "{text}");
                 }

@@ -49,7 +49,7 @@ fn trace(gpu: &Gpu, wgsl: &str, checks: Checks, scene: &Packed, rays: &[TraceRay
     trace_items(gpu, wgsl, checks, counts(scene), &scene.bvh, &instances, rays)
 }
 
-/// Counts that tell the shader where the trees of a scene are.
+/// Counts that locate the trees of a scene for the shader.
 pub fn counts(scene: &Packed) -> GpuSceneCounts {
     let view = scene.view();
     GpuSceneCounts {
@@ -60,7 +60,7 @@ pub fn counts(scene: &Packed) -> GpuSceneCounts {
     }
 }
 
-/// Traces trees that can be none.
+/// Traces trees that need not be valid.
 pub fn trace_items(
     gpu: &Gpu,
     wgsl: &str,
@@ -80,7 +80,7 @@ pub fn trace_items(
     let answers = gpu.buffer(&vec![Answer::zeroed(); rays.len()]);
     let (counts, items, instances) = (gpu.buffer(&[counts]), gpu.buffer(items), gpu.buffer(instances));
     let mut scene_group = vec![(4, &counts), (6, &items)];
-    // Bound only where the shader has the alpha test.
+    // Bound only if the shader has the alpha test.
     if wgsl.contains("is_solid") {
         scene_group.push((1, &instances));
     }
@@ -189,7 +189,7 @@ fn instances_match_the_mirror_and_brute_force() {
 fn merged_instances_match_the_mirror_and_brute_force() {
     let Some(gpu) = Gpu::new() else { return };
     let mut random = Random(15);
-    // All in one tree, where rays start; some beside two trees; and each as it likes to be hit.
+    // All in one tree, where rays start; some beside two trees; and each with its own flags.
     for mode in 0..3 {
         let meshes = vec![
             mesh(Soup::Random, 100, 1.0, Vec3::ZERO, &mut random),

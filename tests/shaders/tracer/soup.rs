@@ -21,7 +21,7 @@ pub fn alpha_test(_instance: u32, primitive: u32, _barycentrics: [f32; 2]) -> bo
     primitive.is_multiple_of(2)
 }
 
-/// The micromap of a masked triangle: the alpha test's answer for some, nothing for others.
+/// The micromap of a masked triangle: the alpha test's answer for some triangles, unknown for others.
 fn micromap(primitive: u32) -> Micromap {
     const STATES: [u32; 6] = [UNKNOWN, UNKNOWN, OPAQUE, TRANSPARENT, UNKNOWN, TRANSPARENT];
     [STATES[primitive as usize % 6] * 0x5555_5555; 4]
@@ -30,7 +30,7 @@ fn micromap(primitive: u32) -> Micromap {
 /// How an instance is packed.
 #[derive(Clone, Copy, Debug)]
 pub struct Packing {
-    /// `INSTANCE_` flags, but for [`INSTANCE_MIRRORED`], which follows from the matrix.
+    /// `INSTANCE_` flags, except for [`INSTANCE_MIRRORED`], which follows from the matrix.
     pub flags: u32,
     /// The merged tree that it is part of. Masked instances get one of their own, with the same number.
     pub tree: Option<u32>,
@@ -74,7 +74,7 @@ struct Target {
     instance: u32,
     primitive: u32,
     world: [DVec3; 3],
-    /// In the space in which the tracer holds it: the world for merged instances, else the object.
+    /// In the tracer's space: the world for merged instances, otherwise the object.
     local: [DVec3; 3],
 }
 
@@ -142,7 +142,7 @@ fn targets(meshes: &[Mesh], instances: &[(usize, Affine3A)], merged: &[bool]) ->
 }
 
 impl Packed {
-    /// Nothing is merged.
+    /// Packs meshes without merging.
     pub fn new(meshes: Vec<Mesh>, instances: Vec<(usize, Affine3A)>, max_entries: usize) -> Self {
         Self::with(meshes, instances, max_entries, |_| Packing::SINGLE)
     }
@@ -253,7 +253,7 @@ impl Packed {
             .collect()
     }
 
-    /// Rays from within a surface at its corners and edges, where they might slip out between two triangles.
+    /// Rays from within a surface at its corners and edges, where they could slip out between two triangles.
     pub fn rays_from_within(&self, count: usize, random: &mut Random) -> Vec<TraceRay> {
         (0..count)
             .map(|i| {
@@ -316,7 +316,7 @@ impl Packed {
                 // In the space of a mirrored object the winding is turned.
                 let turned = flags & INSTANCE_MIRRORED != 0 && !self.merged[*instance as usize];
                 let seen = if (found.cosine < 0.0) != turned { front } else { back };
-                // Single precision can take either face of a triangle seen on edge.
+                // Single precision can return either face of a triangle seen on edge.
                 let doubtful = found.cosine.abs() < found.tilt && front != back;
                 if !seen && !doubtful {
                     continue;

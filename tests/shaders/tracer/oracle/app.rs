@@ -1,4 +1,4 @@
-//! An app whose tracer answers lists of rays.
+//! An app with a tracer that answers lists of rays.
 
 use super::scenes::Scene;
 use crate::{
@@ -86,7 +86,7 @@ fn render_world(app: &mut HeadlessApp) -> &World {
 }
 
 impl OracleApp {
-    /// `None` (with the reason printed) where this machine lacks the tracer.
+    /// Returns `None` (with the reason printed) if this machine lacks the tracer.
     pub fn new(tracer: ReflectionTracerChoice) -> Option<Self> {
         let mut app = common::app(UVec2::splat(16), Output::Picture, tracer)?;
         // Nothing is drawn, since all scenes are behind it.
@@ -127,7 +127,7 @@ impl OracleApp {
         })
     }
 
-    /// The kernel for the scene as it is.
+    /// The kernel for the current scene.
     fn pipeline(&mut self) -> CachedComputePipelineId {
         let defs = render_world(&mut self.app).resource::<SceneBindings>().shader_defs();
         if let Some((_, id)) = self.pipelines.iter().find(|(known, _)| *known == defs) {
@@ -151,7 +151,7 @@ impl OracleApp {
         id
     }
 
-    /// Renders frames until something holds.
+    /// Renders frames until a condition is true.
     fn wait(&mut self, complaint: &str, mut done: impl FnMut(&mut Self) -> bool) {
         for _ in 0..PATIENCE {
             self.app.step(1);
@@ -243,7 +243,7 @@ impl OracleApp {
         self.report()
     }
 
-    /// The same scene for brute force, in the form in which the tracer holds it at present.
+    /// The same scene for brute force, in the tracer's current form of it.
     pub fn packed(&mut self, scene: &Scene) -> Packed {
         let report = self.report();
         let merged = report.merged_instances > 0;
@@ -253,7 +253,7 @@ impl OracleApp {
         self.packed_as(scene, merged)
     }
 
-    /// The same in the form of instances, or of a merged tree.
+    /// Like [`Self::packed`], in the form of instances or of a merged tree.
     pub fn packed_as(&mut self, scene: &Scene, merged: bool) -> Packed {
         let world = self.app.world();
         let (mut instances, mut flags) = (Vec::new(), Vec::new());
@@ -340,7 +340,7 @@ impl OracleApp {
     }
 }
 
-/// The alpha of vertices that triangles don't share is that of [`soup::alpha_test`]; solid materials take no notice of it.
+/// The alpha of vertices that triangles don't share is that of [`soup::alpha_test`]; solid materials ignore it.
 fn asset(mesh: &soup::Mesh) -> Mesh {
     let count = mesh.positions.len();
     let is_solid = |vertex: usize| soup::alpha_test(0, vertex as u32 / 3, [0.0; 2]);

@@ -8,7 +8,7 @@ use super::{
 use bevy::prelude::*;
 use bevy_glint::ReflectionTracerChoice;
 
-/// More than the trees of moving objects hold, and than a chunk that is cheap to build anew.
+/// More than fit into the trees of moving objects and into a chunk that is cheap to rebuild.
 const CROWD: usize = 350;
 
 /// Every ray hits the current entities of the app.

@@ -12,7 +12,7 @@ use scenes::{Scene, corners, rays_from_within, rays_into};
 
 /// Relative error of distances.
 const TOLERANCE: f64 = 1e-3;
-/// Of this number of rays that are not aimed at edges, one can pass an edge or meet a face so closely that rounding decides.
+/// One ray out of this number of rays not aimed at edges can pass an edge or meet a face so closely that rounding decides.
 const BORDER_SHARE: usize = 200;
 
 /// How the answers compare with the exact ones.
@@ -26,7 +26,7 @@ struct Tally {
     borders: usize,
 }
 
-/// Every answer must be right but for rounding.
+/// Every answer must be right except for rounding.
 fn judge(name: &str, packed: &Packed, scale: f32, rays: &[TraceRay], answers: &[Answer]) -> Tally {
     assert_eq!(rays.len(), answers.len());
     let floor = f64::from(scale) * 1e-5;
@@ -57,7 +57,7 @@ fn judge(name: &str, packed: &Packed, scale: f32, rays: &[TraceRay], answers: &[
     tally
 }
 
-/// The barycentrics name the point at the distance, and the face is the one that looks at the ray.
+/// The barycentrics give the point at the distance, and the face is the one towards the ray.
 fn assert_on_triangle(name: &str, packed: &Packed, ray: &TraceRay, hit: &Hit, closest: &Oracle, floor: f64) {
     let candidate = closest
         .candidates

@@ -21,7 +21,7 @@ pub struct Object {
     /// Index in [`Scene::meshes`].
     pub mesh: usize,
     pub transform: Transform,
-    /// With a scale of its own, which shears the object.
+    /// With its own scale, which shears the object.
     pub parent: Option<Transform>,
     pub cull_mode: Option<Face>,
     /// Every other triangle is cut out.
@@ -112,7 +112,7 @@ impl Scene {
                 });
                 Object {
                     parent,
-                    // Not where triangles overlap in a plane: which of two at the same distance comes first is up to the tracer.
+                    // Not if triangles overlap in a plane: the tracer can return either of two at the same distance.
                     masked: round % 2 == 1 && [Soup::Random, Soup::Needles, Soup::Grid].contains(&kind_of(mesh)),
                     casts_shadow: i % 7 != 3,
                     reflected: i % 9 != 5,
@@ -192,7 +192,7 @@ impl Scene {
     }
 }
 
-/// The kind of a mesh of [`all_soups`]; those without area count as duplicates, which they overlap like.
+/// The kind of a mesh of [`all_soups`]. Meshes without area count as duplicates, because their triangles overlap, too.
 fn kind_of(mesh: usize) -> Soup {
     SOUPS.get(mesh).copied().unwrap_or(Soup::Duplicates)
 }
@@ -269,7 +269,7 @@ pub fn rays_into(packed: &Packed, count: usize, spread: f32, random: &mut Random
     rays
 }
 
-/// Rays from within closed surfaces at their triangles and edges and, if asked for, exactly at their corners.
+/// Rays from within closed surfaces at their triangles and edges and, if requested, exactly at their corners.
 pub fn rays_from_within(packed: &Packed, count: usize, at_corners: bool, random: &mut Random) -> Vec<TraceRay> {
     (0..count)
         .map(|i| {

@@ -12,8 +12,8 @@ pub struct Candidate {
     /// Margin of a ray's hit on the triangle, negative outside: the distance between the ray and an edge relative to the coordinates,
     /// times the length of the edge relative to the longest one. Below [`DOUBT`], single precision can see the ray on either side.
     pub margin: f64,
-    /// Bound of the error of `t` in single precision: rounding shifts and tilts the plane, which moves the point where a
-    /// grazing ray meets it.
+    /// Bound of the error of `t` in single precision: rounding shifts and tilts the plane, which moves the point where a grazing ray
+    /// meets it.
     pub error: f64,
     pub instance: u32,
     pub primitive: u32,
@@ -26,7 +26,7 @@ pub struct Oracle {
 }
 
 impl Oracle {
-    /// Returns whether a tracer in single precision can find that a triangle, or none, is in the way.
+    /// Returns whether single precision allows a tracer to answer `blocked`.
     pub fn accepts_any(&self, blocked: bool, tolerance: f64, floor: f64) -> bool {
         if blocked {
             self.candidates
@@ -66,7 +66,7 @@ pub(super) struct Met {
     pub t: f64,
     pub margin: f64,
     pub error: f64,
-    /// Between the ray and the normal; negative where the front is seen.
+    /// Between the ray and the normal; negative if the front is visible.
     pub cosine: f64,
     /// Bound of the error of `cosine` in single precision.
     pub tilt: f64,

@@ -61,7 +61,7 @@ pub enum Soup {
     Needles,
     /// An axis-aligned grid in one plane, with shared edges.
     Grid,
-    /// The same few triangles many times.
+    /// A few triangles, each many times.
     Duplicates,
     /// All share a corner, each larger than the last.
     Nested,
