@@ -5,7 +5,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-/// Folders with code that takes no part in the ground truth, which has no variable rate and no denoiser.
+/// Folders with code that the ground truth doesn't use: it has no variable rate and no denoiser.
 const NO_PART: [&str; 2] = ["denoise", "rate"];
 
 fn main() {

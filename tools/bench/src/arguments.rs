@@ -1,4 +1,4 @@
-//! The command line, and the measurements that it asks for on a machine.
+//! The command line, and the measurements that it requests on a machine.
 
 use crate::{crowds::Crowds, kernels, machine::Machine, subject::Subject};
 use bevy::math::UVec2;
@@ -60,8 +60,8 @@ pub struct Arguments {
     /// Triangles of the generated mesh for BVH builds
     #[arg(long, value_name = "N", default_value_t = 1_000_000)]
     pub triangles: u32,
-    /// Measure the techniques once more with the WESL files of this folder in the place of the crate's modules of the same path below
-    /// src; can be given several times
+    /// Measure the techniques again with the WESL files of this folder instead of the crate's modules of the same path below src; can be
+    /// given several times
     #[arg(long, value_name = "DIR")]
     shaders: Vec<PathBuf>,
     /// Leave out the rays and the passes: measure only builds on the CPU
@@ -86,8 +86,8 @@ pub struct Arguments {
     /// tables
     #[arg(long, group = "cases")]
     pub growth: bool,
-    /// Measure only how well a budget holds its time along the camera's path through the scenes, over this number of frames, and after a
-    /// new target: tables
+    /// Measure only how well a budget keeps to its time along the camera's path through the scenes, over this number of frames, and after
+    /// a new target: tables
     #[arg(long, conflicts_with_all = ["worlds", "crowds", "growth"])]
     pub budget: bool,
     /// Folder in which `--budget` writes a chart for each scene and technique
@@ -106,7 +106,7 @@ pub struct Arguments {
 pub struct Plan {
     /// Scenes.
     pub subjects: Vec<Subject>,
-    /// Tracers, each in an app of its own.
+    /// Tracers, each in its own app.
     pub tracers: Vec<ReflectionTracerChoice>,
     /// Techniques with passes to time.
     pub techniques: Vec<TimedTechnique>,
@@ -121,12 +121,12 @@ pub struct Plan {
 }
 
 impl Arguments {
-    /// Tracers to measure, each in an app of its own.
+    /// Tracers to measure, each in its own app.
     pub fn tracers(&self) -> Vec<ReflectionTracerChoice> {
         self.tracer.list()
     }
 
-    /// The reason for which nothing was measured.
+    /// Returns the reason why there are no measurements.
     pub fn why_nothing(&self) -> String {
         match &self.only {
             Some(word) => format!("nothing was measured: no case has a name that contains `{word}`"),
@@ -134,7 +134,7 @@ impl Arguments {
         }
     }
 
-    /// The tracer of arrivals, which take long: of all, the one that an app gets.
+    /// The tracer for arrivals, which take long: the one that an app gets.
     pub fn arrival_tracer(&self) -> ReflectionTracerChoice {
         match self.tracer {
             Tracers::One(tracer) => tracer,
@@ -177,7 +177,7 @@ impl Arguments {
             chosen => chosen,
         };
         let files = self.gltf.iter().map(|path| Subject::File {
-            // Bevy takes relative paths for places in the folder of assets.
+            // Bevy resolves relative paths in the asset folder.
             path: std::path::absolute(path).unwrap_or_else(|_| path.clone()),
             camera: self.camera,
         });
@@ -197,11 +197,11 @@ impl Arguments {
 }
 
 impl Plan {
-    /// Checks that the adapter can hold the rays.
+    /// Checks that the rays fit into the adapter's memory.
     ///
     /// # Errors
     ///
-    /// If it can't.
+    /// If they don't fit.
     pub fn check(&self, machine: &Machine) -> Result<(), String> {
         let needed = kernels::largest_buffer(self.size);
         if needed > machine.buffer_limit {

@@ -1,7 +1,8 @@
 //! The longest frame while many triangles arrive, with and without the plugin.
 //!
-//! Images are tiny and show none of the meshes, and the GPU is idle when a frame begins. Bevy's own work on new meshes is in both. A driver
-//! that renders on the CPU counts into the frame the copies that a GPU would make beside it, and the kernel's work on its memory.
+//! Images are tiny and show none of the meshes, and the GPU is idle when a frame begins. Both numbers include Bevy's own work on new
+//! meshes. With a driver that renders on the CPU, the frame also includes the copies that a GPU would make in parallel, and the kernel's
+//! work on its memory.
 
 use crate::{
     table::{Csv, quantile},
@@ -24,14 +25,14 @@ const FRAME_LIMIT: u32 = 20_000;
 /// More bytes than an app needs.
 const WARM_BYTES: usize = 3 << 30;
 const PAGE: usize = 4096;
-/// Frames after the last mesh, in which trees over objects follow.
+/// Frames after the last mesh, in which trees over objects are built.
 const AFTERMATH: u32 = 60;
 
 /// Frames of one arrival.
 struct Arrival {
     /// Milliseconds of each.
     frames: Vec<f64>,
-    /// Milliseconds of the plugin's systems in the frame in which they took longest.
+    /// Milliseconds of the plugin's systems in their longest frame.
     plugin: f64,
     /// Seconds until everything can be hit.
     seconds: f64,
@@ -61,7 +62,7 @@ pub fn measure(tracer: ReflectionTracerChoice, only: Option<&str>, csv: &mut Csv
             println!("| --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: |");
         }
         let (mut with, mut without) = (Vec::new(), Vec::new());
-        // In turn, so that other load on the machine counts for both.
+        // By turns, so that both see the same load from the rest of the machine.
         for _ in 0..*rounds {
             without.push(arrive(None, *meshes)?);
             with.push(arrive(Some(tracer), *meshes)?);
@@ -104,7 +105,7 @@ fn print_row(name: &str, without: &[Arrival], with: &[Arrival], csv: &mut Csv) {
     }
 }
 
-/// Touches memory. A virtual machine can get a page from its host at its first use, which takes so long (up to 2 ms per megabyte was
+/// Touches memory. A virtual machine might get a page from its host only at its first use. That takes so long (up to 2 ms per megabyte was
 /// seen) that the app with the larger growth would always have the longest frame.
 fn warm_memory() {
     let mut memory = vec![0_u8; WARM_BYTES];

@@ -1,4 +1,4 @@
-//! How well a budget holds its time: along the camera's way through a scene, and after its target has changed.
+//! Measures how well a budget keeps to its time: along the camera's path through a scene, and after a change of its target.
 
 use crate::{
     arguments::{Plan, TimedTechnique},
@@ -12,20 +12,20 @@ use bevy_glint::{ReflectionBudget, ReflectionTracerChoice};
 use glint_scenes::CameraPath;
 use std::{fs, path::Path};
 
-/// Share of the target within which a time counts as held.
+/// Maximum deviation from the target, as a fraction of it, at which a time counts as on target.
 const TOLERANCE: f64 = 0.1;
-/// Frames for which a target of the step response holds.
+/// Number of frames for each target of the step response.
 const STEP_FRAMES: usize = 120;
-/// Targets of the step response: parts of the way from the time of the least effort to that of all.
+/// Targets of the step response, as fractions of the range from the time of the lowest effort to the time of full effort.
 const TARGETS: [f64; 4] = [0.8, 0.2, 0.6, 0.1];
-/// Frames over which the bounds are the median: single times are noisy.
+/// Frames over which the bounds are the median, because single times are noisy.
 const WINDOW: usize = 9;
 
 /// Measures the budget in all subjects that have a way for the camera. Writes the chart of the steps into a folder.
 ///
 /// # Errors
 ///
-/// If rays can't be traced, a scene has no way through it or doesn't become ready, or the chart can't be written.
+/// If rays can't be traced, a scene has no path or doesn't become ready, or the chart can't be written.
 pub fn measure(plan: &Plan, out: Option<&Path>, csv: &mut Csv) -> Result<(), String> {
     let columns = [
         "scene",

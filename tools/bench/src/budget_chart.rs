@@ -5,13 +5,13 @@ use plotters::prelude::*;
 const SIZE: (u32, u32) = (1200, 500);
 const INK: RGBColor = RGBColor(40, 40, 40);
 const PALE: RGBColor = RGBColor(226, 226, 226);
-/// Colours that can be told apart by people who see few of them.
+/// Colours that colour-blind people can distinguish.
 const TIME: RGBColor = RGBColor(0, 114, 178);
 const TARGET: RGBColor = RGBColor(213, 94, 0);
-/// Part of the target by which the band around it reaches to each side.
+/// Width of the band around the target to each side, as a fraction of it.
 const BAND: f64 = 0.1;
 
-/// A target, and the milliseconds of the frames in which it held.
+/// A target, and the milliseconds of its frames.
 pub struct Step {
     pub target: f64,
     pub times: Vec<f64>,

@@ -253,7 +253,7 @@ impl Setup {
         }
     }
 
-    /// This number of lamps along the street, which share their light.
+    /// Spawns this number of lamps along the street. They share its light.
     fn spawn_lamps(&mut self, count: usize) -> Vec<Entity> {
         let spawn = |index: usize| {
             let part = (index as f32 + 0.5) / count as f32;

@@ -40,10 +40,10 @@ const ENTRY_POINTS: [&str; 5] = [
     "count_hits",
     "trace_rays",
 ];
-/// The last one is compiled without the alpha test, where that makes a difference.
+/// The last one is compiled without the alpha test, if that makes a difference.
 const SOLID: usize = 4;
 
-/// A list of rays: which kernel collects it and how its measurements are called.
+/// A list of rays: the kernel that collects it, and the names of its measurements.
 struct RaySet {
     collect: usize,
     /// Pixels along each axis that share a ray.
@@ -114,7 +114,7 @@ struct GpuBenchView {
     _padding: u32,
 }
 
-/// Bytes that the largest buffer of the kernels takes.
+/// Size of the kernels' largest buffer in bytes.
 pub fn largest_buffer(size: UVec2) -> u64 {
     u64::from(size.x) * u64::from(size.y) * RAY_BYTES
 }

@@ -6,8 +6,8 @@
 //! `cargo xtask bench --growth`
 //! `cargo xtask bench --budget --out DIR`
 //!
-//! Rays are timed alone: one kernel writes them into a buffer, tile by tile, and the timed kernel only reads, traces and stores
-//! their hits. All times on the GPU come from its own clock.
+//! Rays are timed alone: one kernel writes them into a buffer, tile by tile, and the timed kernel only reads and traces them
+//! and stores their hits. All GPU times come from the GPU's own clock.
 
 mod arguments;
 mod arrivals;
@@ -53,7 +53,7 @@ fn run(arguments: &Arguments) -> Result<(), String> {
     }
 }
 
-/// Measures what the arguments ask for. Returns the name of the adapter and the size of the view.
+/// Runs the requested measurements. Returns the name of the adapter and the size of the view.
 fn measure(arguments: &Arguments, csv: &mut Csv) -> Result<(String, String), String> {
     let only = arguments.only.as_deref();
     let mut adapter = "CPU".to_owned();

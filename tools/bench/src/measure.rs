@@ -21,11 +21,11 @@ use std::{path::Path, time::Duration};
 
 /// Frames that are rendered before measuring starts.
 const WARM_UP_FRAMES: u32 = 8;
-/// Frames in a row in which nothing was built: then the scene is complete.
+/// Consecutive frames without builds after which the scene is complete.
 const QUIET_FRAMES: u32 = 8;
 /// Limit of frames for building: minutes for ten million triangles.
 const FRAME_LIMIT: u32 = 40_000;
-/// Frames after which a camera that sees nothing to reflect on rests at the latest.
+/// Maximum number of frames until a camera without reflective surfaces in view rests.
 const REST_FRAMES: u32 = 60;
 
 /// Kernels: the word in tables, its diagnostics of rays, hits and GPU time.
@@ -88,7 +88,7 @@ fn render_world(app: &mut HeadlessApp) -> Result<&World, String> {
     Ok(render.world())
 }
 
-/// Radians that the camera turns in a frame, to one side and back: a view that never moves converges, which takes other work.
+/// Radians that the camera turns in a frame, to one side and back: a static view converges, which is different work.
 const TREMBLE: f32 = 1e-4;
 
 /// The values that one diagnostic took.
@@ -130,7 +130,7 @@ impl Bench {
             ..default()
         };
         let backend = plan.backend();
-        // Nothing is animated, so that all frames trace nearly the same rays.
+        // Without animation, so that all frames trace nearly the same rays.
         let mut app = HeadlessApp::with_device(
             settings,
             |app| open_device(app, backend),
@@ -165,7 +165,7 @@ impl Bench {
         })
     }
 
-    /// Compares versions of shaders without building anew.
+    /// Compares versions of shaders without rebuilding.
     pub fn replace_shaders(&mut self, folder: &Path) -> Result<Vec<ReplacedShader>, String> {
         self.app
             .replace_shaders("bevy_glint", folder)
@@ -191,7 +191,7 @@ impl Bench {
         self.app.world().resource::<ReflectionStatus>().report()
     }
 
-    /// Renders until every mesh can be hit and every pipeline is compiled.
+    /// Renders until rays can hit every mesh and every pipeline is compiled.
     pub fn wait_for_scene(&mut self) -> Result<ReflectionStatusReport, String> {
         self.app.warm_up(FRAME_LIMIT).map_err(|error| error.to_string())?;
         let mut quiet = 0;
@@ -202,7 +202,7 @@ impl Bench {
             let same = (report.blas_builds, report.tlas_builds) == (before.blas_builds, before.tlas_builds);
             let pending = report.meshes_pending > 0 || report.merges_pending || report.micromaps_pending;
             let complete = report.ready && !pending && report.instances > 0;
-            // A view in which something reflects after all never rests.
+            // A view with a reflective surface never rests.
             let rests = !self.is_idle || report.culled_views > 0 || frame >= REST_FRAMES;
             quiet = if same && complete && rests { quiet + 1 } else { 0 };
             if quiet >= QUIET_FRAMES {
@@ -347,7 +347,7 @@ impl Bench {
         Ok(times[times.len().saturating_sub(frames)..].to_vec())
     }
 
-    /// Gives each pass timers of its own, or takes them away.
+    /// Gives each pass its own timers, or removes them.
     fn time_stages(&mut self, stages: bool) -> Result<(), String> {
         let render = self.app.app().get_sub_app_mut(RenderApp);
         let world = render.ok_or("there is no render app")?.world_mut();
@@ -411,7 +411,7 @@ impl Bench {
         self.report().view_memory.iter().map(|view| view.bytes()).sum()
     }
 
-    /// Closest hits alone.
+    /// Only closest hits.
     pub fn kernels(&self, scene: &Subject, tracer: &str, table: &mut Table, csv: &mut Csv) {
         for (word, rays, hits, time) in KERNELS {
             let (rays, hits) = (self.value(rays, 0.5), self.value(hits, 0.5));

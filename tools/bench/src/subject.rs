@@ -23,7 +23,7 @@ pub enum Subject {
     File {
         /// The file.
         path: PathBuf,
-        /// Place of the camera; without one, that of the file's first camera, or one from which everything is seen.
+        /// Place of the camera. By default that of the file's first camera, or one from which everything is visible.
         camera: Option<CameraPlace>,
     },
     /// Spheres with this number of triangles in total over a glossy floor: the image doesn't depend on the number.
@@ -44,11 +44,11 @@ impl fmt::Display for Subject {
 }
 
 impl Subject {
-    /// Spawns the scene and its camera, which is returned.
+    /// Spawns the scene and its camera, and returns the camera.
     ///
     /// # Errors
     ///
-    /// If a file can't be loaded, or nothing is in it.
+    /// If a file can't be loaded, or is empty.
     pub fn spawn(&self, app: &mut HeadlessApp, detail: f32) -> Result<Entity, String> {
         match self {
             Self::BuiltIn(name) => Ok(app.spawn_scene(*name, &SceneOptions { detail, ..default() })),

@@ -27,7 +27,7 @@ impl Csv {
         });
     }
 
-    /// True while nothing was measured.
+    /// True until something is measured.
     pub fn is_empty(&self) -> bool {
         self.0.is_empty()
     }
@@ -113,7 +113,7 @@ pub fn quantile(values: &[f64], share: f64) -> Option<f64> {
     Some(low + (high - low) * place.fract())
 }
 
-/// A number with `digits` decimals, or a dash where nothing was measured.
+/// A number with `digits` decimals, or a dash without a measurement.
 pub fn number(value: Option<f64>, digits: usize) -> String {
     value.map_or_else(|| "-".to_owned(), |value| format!("{value:.digits$}"))
 }

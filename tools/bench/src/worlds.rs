@@ -1,7 +1,7 @@
-//! Time that the plugin takes of the render thread and of extraction, in worlds that are large or change.
+//! Time of the plugin on the render thread and in extraction, in worlds that are large or that change.
 //!
-//! Each system of the plugin is timed separately, so that neither Bevy's own work nor the GPU's is counted. Images are tiny, and the GPU
-//! is idle when a frame begins, so that a CPU driver doesn't render during the measurement.
+//! Each system of the plugin is timed separately, so neither Bevy's own work nor the GPU's is counted. Images are tiny, and the GPU is
+//! idle when a frame begins, so that a CPU driver doesn't render during the measurement.
 
 use crate::table::{Csv, number};
 use bevy::{math::UVec2, prelude::*};
@@ -25,11 +25,11 @@ const FINE: u32 = 3;
 /// Subdivisions of the spheres that fill one merged tree: 80 triangles each.
 const COARSE: u32 = 1;
 const IN_A_CHUNK: usize = 13_100;
-/// Frames of a round. The rounds' means are as good as independent.
+/// Frames of a round. The means of rounds are practically independent.
 const FRAMES: u32 = 20;
-/// Frames in which something that was touched shows its cost.
+/// Frames in which a touched object shows its cost.
 const AFTERMATH: u32 = 4;
-/// Frames in a row without anything to build: then the world has come to rest.
+/// Consecutive frames without builds after which the world is static.
 const QUIET_FRAMES: u32 = 40;
 const FRAME_LIMIT: u32 = 20_000;
 
@@ -46,7 +46,7 @@ struct Case {
 enum World {
     /// This number of spheres with this number of subdivisions.
     Spheres(usize, u32),
-    /// This number of spheres, each with a material of its own.
+    /// This number of spheres, each with its own material.
     Materials(usize),
     /// With a few spheres.
     Lights,
@@ -61,7 +61,7 @@ enum Change {
     Lights(usize),
     /// The first material, which many objects can share.
     Material,
-    /// An object that was static so far, in each round another one.
+    /// An object that was static so far, a different one in each round.
     Touch,
 }
 
@@ -120,7 +120,7 @@ const CASES: [Case; 8] = [
 ///
 /// # Errors
 ///
-/// If rays can't be traced, or a world doesn't come to rest.
+/// If rays can't be traced, or a world doesn't become static.
 pub fn measure(
     tracers: &[ReflectionTracerChoice],
     rounds: u32,
@@ -128,7 +128,7 @@ pub fn measure(
     csv: &mut Csv,
 ) -> Result<(), String> {
     for &tracer in tracers {
-        // Worlds are used by several cases in turn, since large ones take long to load.
+        // Several cases use a world one after the other, since large ones take long to load.
         let mut last: Option<(World, Setup)> = None;
         let mut heading = false;
         for case in CASES
@@ -225,9 +225,9 @@ pub fn interval(values: &[f64]) -> (f64, f64) {
 
 /// Milliseconds of a frame, on average.
 struct Round {
-    /// Systems that mirror the world and keep its trees.
+    /// Systems that extract the world and maintain its trees.
     scene: f64,
-    /// All systems of the plugin, including those of a camera's passes.
+    /// All systems of the plugin, including the systems of a camera's passes.
     all: f64,
     /// The frame that took longest.
     worst: f64,
@@ -255,7 +255,7 @@ impl Setup {
             clock.add_plugin(app, RayTracedReflectionsPlugin { tracer, ..default() });
         })
         .map_err(|error| error.to_string())?;
-        // The world lies behind the camera: drawing it is none of the plugin's work.
+        // The world lies behind the camera, because drawing it isn't the plugin's work.
         app.spawn_camera((RayTracedReflections::default(), Transform::default()));
         let mut setup = Self {
             app,
@@ -320,7 +320,7 @@ impl Setup {
         }
     }
 
-    /// Renders until every mesh can be hit, and nothing is merged any more although things move.
+    /// Renders until rays can hit every mesh, and merging is done although objects move.
     fn settle(&mut self, change: Change) -> Result<(), String> {
         let mut quiet = 0;
         for _ in 0..FRAME_LIMIT {
@@ -346,12 +346,12 @@ impl Setup {
         self.app.step(1);
         self.frame += 1;
         let spans = self.clock.take();
-        // Fails only where the device is gone, which the next frame reports.
+        // Fails only if the device is lost, which the next frame reports.
         _ = self.app.wait_until_idle();
         spans
     }
 
-    /// Moves things that are spread evenly over all.
+    /// Moves objects that are spread evenly over all.
     fn shift(&mut self, change: Change) {
         let (list, count) = match change {
             Change::Nothing | Change::Touch => return,
@@ -394,7 +394,7 @@ impl Setup {
         Ok((0..rounds).map(round).collect())
     }
 
-    /// Moves an object that never moved; the frame that takes longest counts.
+    /// Moves an object that never moved. The longest frame counts.
     fn touch(&mut self, round: usize, rounds: u32) -> Result<Round, String> {
         let stride = self.objects.len() / (rounds as usize + 1);
         let entity = self.objects[round * stride];

@@ -100,7 +100,7 @@ fn a_small_crowd_is_measured() {
     assert!(values["1 characters, rigid crowds_plugin_cpu"] > 0.0, "{values:?}");
 }
 
-/// Runs the program; `None` without a graphics device, where none is required.
+/// Runs the program. Returns `None` without a graphics device, if that is allowed.
 fn bench(arguments: &[&str]) -> Option<(bool, String)> {
     let output = Command::new(env!("CARGO_BIN_EXE_glint_bench"))
         .args(arguments)

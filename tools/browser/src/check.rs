@@ -19,7 +19,7 @@ use std::time::{Duration, Instant};
 const QUERY: &str = "still=true&trilinear=true&panel=false&bar=false&technique=ultra&shadows=512";
 /// Limit of the mean FLIP between the page and the native program.
 const LIMIT: f32 = 0.03;
-/// Mean difference, in steps of 8 bits, that reflections make at least.
+/// Minimum mean difference that reflections make, in steps of 8 bits.
 const CHANGE: f32 = 1.0;
 /// Share of this difference that can remain between two images without reflections: the clock is stopped.
 const REST: f32 = 0.4;
@@ -79,7 +79,7 @@ pub fn check(folder: &Path, expected: &Path, out: &Path) -> Result<()> {
 
     visit.press(COMPARE)?;
     let (left, right) = (0..shown.width() / 2, shown.width() / 2..shown.width());
-    // The half with reflections begins anew, and comes to rest again.
+    // The half with reflections restarts, and converges again.
     let is_split = |picture: &RgbImage| {
         let change = difference(&shown, picture, left.clone());
         change >= CHANGE && difference(&shown, picture, right.clone()) <= REST * change

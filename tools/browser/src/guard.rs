@@ -1,4 +1,4 @@
-//! Ends the browser when the check was killed: a killed program can't do so itself.
+//! Ends the browser if the check was killed, since a killed program can't do so itself.
 
 use anyhow::{Context, Result};
 use std::process::{Child, Command, Stdio};
@@ -11,14 +11,14 @@ while left $1; do sleep 0.5; done
 kill $2 2>/dev/null
 "#;
 
-/// Starts a process of its own that watches others.
+/// Starts a separate process that watches others.
 #[cfg(unix)]
 pub fn watch(needed: &[u32], ended: &[u32]) -> Result<Child> {
     use std::os::unix::process::CommandExt;
     let list = |ids: &[u32]| ids.iter().map(u32::to_string).collect::<Vec<_>>().join(" ");
     Command::new("sh")
         .args(["-c", SCRIPT, "guard", &list(needed), &list(ended)])
-        // Outlives signals that end the group of this program.
+        // Survives signals that end this program's group.
         .process_group(0)
         .stdin(Stdio::null())
         .stdout(Stdio::null())
@@ -40,7 +40,7 @@ mod tests {
         let mut guard = watch(&[std::process::id(), check.id()], &[check.id(), browser.id()]).unwrap();
         thread::sleep(Duration::from_millis(1200));
         assert!(browser.try_wait().unwrap().is_none(), "everybody is there");
-        // Its end is not requested before that of the browser, which might never come.
+        // Don't wait for its end before the browser's end, which might never come.
         check.kill().unwrap();
         let start = Instant::now();
         while browser.try_wait().unwrap().is_none() {

@@ -26,7 +26,7 @@ enum Command {
         /// The folder to write to
         out: PathBuf,
     },
-    /// Serve the folder on this machine alone.
+    /// Serve the folder only on this machine.
     Serve {
         /// The folder that `pack` wrote
         folder: PathBuf,

@@ -8,8 +8,8 @@ use wasm_bindgen_cli_support::Bindgen;
 
 /// Name of the program's files on the page.
 const NAME: &str = "demo";
-/// First version of `wasm-opt` that is used. Version 108, which Debian 12 has, writes a page that ends with an error: it takes the table of
-/// functions for that of JavaScript's objects.
+/// Lowest supported version of `wasm-opt`. With version 108, which Debian 12 has, the page stops with an error: this version confuses the
+/// function table with the table of JavaScript's objects.
 const OLDEST: u32 = 117;
 /// Placeholder for the size of the program in the page.
 const BYTES: &str = "{{bytes}}";

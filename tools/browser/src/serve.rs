@@ -13,7 +13,7 @@ pub fn serve(folder: &Path, port: u16) -> Result<()> {
     Ok(())
 }
 
-/// Opens a port; 0 is any that is free.
+/// Opens a port; 0 means any free one.
 pub fn listen(port: u16) -> Result<Server> {
     Server::http(("127.0.0.1", port)).map_err(|error| anyhow!("cannot listen on port {port}: {error}"))
 }
@@ -26,7 +26,7 @@ pub fn port_of(server: &Server) -> Result<u16> {
 /// Answers requests for files of the folder.
 pub fn answer(server: &Server, folder: &Path) {
     for request in server.incoming_requests() {
-        // A visitor who goes away is no error.
+        // A closed connection is no error.
         _ = respond(request, folder);
     }
 }
@@ -43,7 +43,7 @@ fn respond(request: Request, folder: &Path) -> std::io::Result<()> {
     }
 }
 
-/// The file that an address asks for; `None` for one outside of the folder.
+/// The file for an address; `None` for one outside of the folder.
 fn file_of(url: &str) -> Option<PathBuf> {
     let path = url.split('?').next()?.trim_start_matches('/');
     let path = PathBuf::from(if path.is_empty() { "index.html" } else { path });

@@ -40,10 +40,10 @@ pub struct Arguments {
     /// Views along the path to compare.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=64))]
     pub views: Option<u32>,
-    /// Samples per pixel of the ground truth; its two halves tell its noise.
+    /// Samples per pixel of the ground truth. The difference of its two halves gives its noise.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(2..=1_000_000))]
     pub samples: Option<u32>,
-    /// Runs that differ in their noise alone, for the intervals of errors.
+    /// Runs that differ only in their noise, for the intervals of errors.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=64))]
     pub runs: Option<u32>,
     /// Split the error of each technique's reflected light into noise (differs from run to run) and bias (doesn't: lag, blur, ghosts);
@@ -59,7 +59,7 @@ pub struct Arguments {
     /// Techniques and presets, separated by commas (default: all; fewer if quick).
     #[arg(long, value_name = "NAMES", value_delimiter = ',')]
     pub techniques: Vec<String>,
-    /// The folder of results. A run that was interrupted goes on where it stopped.
+    /// The folder of results. An interrupted run continues where it stopped.
     #[arg(long, value_name = "DIR", required_unless_present_any = ["job", "probe"])]
     pub out: Option<PathBuf>,
     /// The folder in which ground truths are kept from run to run (default: target/evaluate).
@@ -68,7 +68,7 @@ pub struct Arguments {
     /// An older results.csv: lists changes beyond noise, and ends with status 3 if anything got slower or worse.
     #[arg(long, value_name = "FILE.csv")]
     pub compare: Option<PathBuf>,
-    /// Shader modules in place of the crate's of the same path, to compare versions without building anew. The ground truth keeps the
+    /// Shader modules that replace the crate's of the same path, to compare versions without building anew. The ground truth uses the
     /// crate's.
     #[arg(long, value_name = "DIR")]
     pub shaders: Option<PathBuf>,
@@ -78,7 +78,7 @@ pub struct Arguments {
     /// Measure a job. Used by the tool itself.
     #[arg(long, hide = true, value_name = "FILE")]
     pub job: Option<PathBuf>,
-    /// Write tables, summary and charts anew from the results.json and results.csv in --out, without measuring, on any machine
+    /// Rewrite tables, summary and charts from the results.json and results.csv in --out, without measuring, on any machine
     #[arg(long)]
     pub rewrite: bool,
     /// Describe the machine. Used by the tool itself.
@@ -103,7 +103,7 @@ pub enum BackendWord {
 /// Tracers.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
 pub enum TracerWord {
-    /// Ray queries where the GPU has them, else the BVH; the BVH if quick on a CPU.
+    /// Ray queries if the GPU has them, otherwise the BVH; the BVH if quick on a CPU.
     #[default]
     Auto,
     /// Ray queries.
@@ -114,7 +114,7 @@ pub enum TracerWord {
     All,
 }
 
-/// A size at which FLIP and the denoiser make sense.
+/// A size at which FLIP and the denoiser are meaningful.
 fn size(text: &str) -> Result<ImageSize, String> {
     let size: ImageSize = text.parse()?;
     if size.0.min_element() < 16 {
@@ -137,7 +137,7 @@ pub struct MeasurementPlan {
 }
 
 impl Arguments {
-    /// The jobs that the command line asks for on a machine.
+    /// The jobs that the command line requests on a machine.
     pub fn plan(&self, machine: &Machine) -> Result<MeasurementPlan, String> {
         let absolute = |path: PathBuf| {
             path::absolute(&path).map_err(|error| format!("{} can't be resolved: {error}", path.display()))
@@ -181,7 +181,7 @@ impl Arguments {
                 }
             }
         }
-        // The first job of a scene makes the ground truth for the others, whatever else it does.
+        // The first job of a scene also makes the ground truth for the others.
         jobs.retain(|job: &Job| job.first || !job.variants.is_empty());
         Ok(MeasurementPlan {
             protocol,
@@ -226,7 +226,7 @@ impl Arguments {
             protocol.still_views = protocol.still_views.min(views);
         }
         if let Some(file) = &self.path {
-            // A file that is no path is better declined now than in a process for each scene.
+            // An invalid path file is better rejected now than in a process for each scene.
             RecordedPath::load(file)?;
             protocol.path = Some(PathFile::new(file)?);
         }

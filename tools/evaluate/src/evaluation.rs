@@ -19,7 +19,7 @@ use std::{
     time::Instant,
 };
 
-/// Share of the threads that compare images while a GPU is timed; while a CPU is, none does.
+/// Fraction of the threads that compare images while a GPU is timed. While a CPU is timed, no thread compares.
 const SHARE_WHILE_TIMING: f64 = 0.5;
 
 /// An evaluation on its way.
@@ -31,7 +31,7 @@ pub struct Evaluation<'a> {
     log: Arc<ComparisonLog>,
     pool: ComparisonPool,
     progress: Progress,
-    /// Jobs that are over, and why they ended early if they did.
+    /// Finished jobs, with their reason for an early end if there was one.
     over: BTreeMap<String, Option<String>>,
 }
 
@@ -50,7 +50,7 @@ impl<'a> Evaluation<'a> {
         })
     }
 
-    /// Measures everything that is missing; results are written after each scene. Returns all tables.
+    /// Measures everything that is missing, and writes results after each scene. Returns all tables.
     pub fn run(mut self) -> Result<Tables, String> {
         let plan = self.plan;
         let mut jobs = plan.jobs.iter().peekable();

@@ -1,4 +1,4 @@
-//! Reads and writes files: each one appears whole or not at all, and all errors name it.
+//! Reads and writes files. Each file appears whole or not at all, and all errors contain its name.
 
 use serde::{Serialize, de::DeserializeOwned};
 use std::{
@@ -14,7 +14,7 @@ pub fn write_file(path: &Path, write: impl FnOnce(&mut dyn Write) -> Result<(), 
         let folder = path.parent().unwrap_or(Path::new("."));
         fs::create_dir_all(folder)?;
         let mut builder = Builder::new();
-        // Like any other file: temporary ones are for their owner alone.
+        // Like any other file: temporary ones belong to their owner only.
         #[cfg(unix)]
         builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
         let mut file = BufWriter::new(builder.tempfile_in(folder)?);
@@ -35,7 +35,7 @@ pub fn write_json<T: Serialize>(path: &Path, value: &T) -> Result<(), String> {
     write_file(path, |file| Ok(serde_json::to_writer_pretty(file, value)?))
 }
 
-/// Reads a value from JSON; `None` if there is no such file or it can't be understood: in both cases it must be made anew.
+/// Reads a value from JSON. Returns `None` if the file is missing or invalid: in both cases it must be made again.
 pub fn read_json<T: DeserializeOwned>(path: &Path) -> Option<T> {
     serde_json::from_str(&fs::read_to_string(path).ok()?).ok()
 }

@@ -1,4 +1,4 @@
-//! The units of measurement: techniques, scenes, and jobs for worker processes; and where their results go.
+//! The units of measurement (techniques, scenes, and jobs for worker processes), and the paths of their results.
 
 use crate::protocol::{Protocol, SHARED_FRAMES};
 use serde::{Deserialize, Serialize};
@@ -8,7 +8,7 @@ use std::{
 };
 use strum::IntoStaticStr;
 
-/// Frames that the pipelines and the scene take to be ready, for estimates only.
+/// Frames until the pipelines and the scene are ready, for estimates only.
 const LOAD_FRAMES: u64 = 40;
 
 /// The techniques in the order of tables. `solari` is measured apart from the others.
@@ -111,14 +111,14 @@ impl TracerName {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum SceneSource {
-    /// One that is built from code.
+    /// A scene that is built from code.
     BuiltIn(String),
     /// A glTF file.
     File(PathBuf),
 }
 
 impl SceneSource {
-    /// The scene's name, which is good for file names.
+    /// The scene's name, in a form for file names.
     pub fn name(&self) -> String {
         let name = match self {
             Self::BuiltIn(name) => name.clone(),
@@ -136,7 +136,7 @@ pub struct Job {
     pub scene: SceneSource,
     /// The tracer of this job's techniques.
     pub tracer: TracerName,
-    /// Bevy Solari alone, instead of everything else.
+    /// Only Bevy Solari, instead of everything else.
     pub solari: bool,
     /// The first job of its scene, with the ground truth and the techniques that don't trace.
     pub first: bool,
@@ -161,7 +161,7 @@ impl Job {
         }
     }
 
-    /// The folder in which the state of this job is kept.
+    /// The folder of this job's state.
     pub fn state(&self) -> PathBuf {
         self.out.join("state").join(self.id())
     }
@@ -176,19 +176,19 @@ impl Job {
         self.out.join("images").join(self.scene.name()).join(view_name(view))
     }
 
-    /// The file of a view's light in truth, which all jobs of a scene share.
+    /// The file of a view's true light, which all jobs of a scene share.
     pub fn true_light(&self, view: u32) -> PathBuf {
         self.shared_images(view).join("light.f32")
     }
 
-    /// The techniques in the order in which images are taken: `reference` first, since the others are compared with it.
+    /// The techniques in the order of their images: `reference` first, since the others are compared with it.
     pub fn image_order(&self) -> Vec<&Variant> {
         let mut order: Vec<&Variant> = self.variants.iter().collect();
         order.sort_by_key(|variant| !variant.is_reference());
         order
     }
 
-    /// Frames that this job renders when nothing of it is done yet.
+    /// Frames of this job if none is done yet.
     pub fn frames(&self) -> u64 {
         let protocol = &self.protocol;
         let views = u64::from(protocol.views);
@@ -226,13 +226,13 @@ pub fn image_file(folder: &Path, id: &str, kind: ImageKind) -> PathBuf {
 pub enum ImageKind {
     /// The frame after some frames of motion.
     Final,
-    /// The same of a further run, which differs in its noise alone.
+    /// The image of a further run, which differs only in its noise.
     Run(u32),
     /// The error of that against the ground truth.
     FlipFinal,
     /// The error of the reflection alone against `reference`.
     FlipReflection,
-    /// So many frames after a camera cut.
+    /// This number of frames after a camera cut.
     Recovery(u32),
     /// The error of the reflected light after some frames of motion.
     LightInMotion,
@@ -244,8 +244,8 @@ pub enum ImageKind {
     Bias,
 }
 
-/// The order in which techniques take turns in a round: another one goes first each time, and every other round runs backwards,
-/// so that none always follows the same one.
+/// The order in which techniques take turns in a round. Each time another one goes first, and every other round runs backwards,
+/// so that no technique always follows the same one.
 pub fn order(count: usize, round: u32) -> Vec<usize> {
     let mut order: Vec<usize> = (0..count).collect();
     if count > 0 {

@@ -34,7 +34,7 @@ pub struct Machine {
 }
 
 impl Machine {
-    /// Opens the GPU and asks; fails without a GPU that can trace.
+    /// Opens the GPU and queries it. Fails without a GPU that can trace.
     pub fn probe() -> Result<Self, String> {
         let settings = HeadlessSettings {
             size: bevy::math::UVec2::ONE,

@@ -1,8 +1,8 @@
 //! Measures, for each technique of `bevy_glint`, how much GPU time buys how much error, on which scene.
 //!
-//! `cargo xtask evaluate --quick --out results` runs it. One process plans, compares images and writes results; for each scene it starts
-//! another one that renders, so that a driver that crashes costs one technique and not the run. Everything that is measured is stored in
-//! files at once: a run that was interrupted goes on where it stopped, and scenes can be measured one after the other into one folder.
+//! `cargo xtask evaluate --quick --out results` runs it. One process plans, compares images and writes results. For each scene it starts
+//! another one that renders, so that a driver crash costs one technique and not the run. All measurements are stored in files at once:
+//! an interrupted run continues where it stopped, and scenes can be measured one after the other into one folder.
 //!
 //! From the top down; a file only imports files below it:
 //!
@@ -78,7 +78,7 @@ fn main() -> ExitCode {
     }
 }
 
-/// Ends a process that another one listens to.
+/// Ends a process whose output another one reads.
 fn end(outcome: Result<(), String>) -> ExitCode {
     match outcome {
         Ok(()) => ExitCode::SUCCESS,
@@ -95,14 +95,14 @@ fn work(file: &Path) -> Result<(), String> {
     worker::work(&job)
 }
 
-/// The part of `results.json` that its rows don't hold.
+/// The part of `results.json` that its rows don't contain.
 #[derive(serde::Deserialize)]
 struct Measured {
     machine: Machine,
     protocol: Protocol,
 }
 
-/// Writes tables, summary and charts anew.
+/// Rewrites tables, summary and charts.
 fn rewrite(arguments: &Arguments) -> Result<ExitCode, String> {
     let out = arguments.out.as_deref().ok_or("--out is missing")?;
     let file = out.join("results.json");
@@ -146,14 +146,14 @@ fn evaluate(arguments: &Arguments) -> Result<ExitCode, String> {
     })
 }
 
-/// Makes sure that the folder's results were measured with the same settings, by the same code, on this machine; returns them.
+/// Checks that the folder's results were measured with the same settings, by the same code, on this machine, and returns them.
 fn prepare_folder(arguments: &Arguments, plan: &MeasurementPlan, machine: &Machine) -> Result<Tables, String> {
     let state = plan.out.join("state");
     let file = state.join("settings.json");
     let table = plan.out.join(ROWS);
     let settings = serde_json::json!({ "protocol": plan.protocol, "machine": machine });
     if arguments.fresh && file.exists() {
-        // Only files that this tool wrote, and only where it did.
+        // Only files of this tool, and only in its own folders.
         for folder in [&state, &plan.out.join("images")] {
             if let Err(error) = fs::remove_dir_all(folder)
                 && error.kind() != ErrorKind::NotFound

@@ -1,4 +1,4 @@
-//! Messages of a worker process to the one that started it: lines of JSON on its standard output.
+//! Messages of a worker process to its parent: lines of JSON on its standard output.
 
 use crate::machine::Machine;
 use serde::{Deserialize, Serialize};
@@ -7,9 +7,9 @@ use std::io::{self, Write};
 /// A line.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Message {
-    /// So many frames were rendered.
+    /// This number of frames was rendered.
     Frames(u64),
-    /// So many frames need not be rendered, since their results are there already.
+    /// This number of frames need not be rendered, since their results already exist.
     Skipped(u64),
     /// The step that begins.
     Doing(String),

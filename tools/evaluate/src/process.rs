@@ -1,4 +1,4 @@
-//! Runs jobs in processes of their own, so that a driver that crashes takes one technique with it and not the whole run.
+//! Runs jobs in their own processes, so that a driver crash ends one technique and not the whole run.
 
 use crate::{
     files::{read_json, write_json},
@@ -18,31 +18,31 @@ use std::{
     time::Duration,
 };
 
-/// A process that says nothing for so long hangs.
+/// A process without output for this long hangs.
 const PATIENCE: Duration = Duration::from_secs(15 * 60);
 
-/// Events of a job that others act on.
+/// Events of a job for its callers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Notice {
     /// The images of one more technique are complete.
     Captured,
-    /// Times are taken, which should not be disturbed.
+    /// Timing is in progress and should not be disturbed.
     Timing,
-    /// They are not taken any more.
+    /// Timing is over.
     Ended,
 }
 
 /// How a process ended.
 enum End {
     Done,
-    /// It said why it can't go on.
+    /// It reported why it can't continue.
     Refused(String),
     /// It died or hung.
     Died(String),
 }
 
-/// Runs a job to its end, if anything of it is left. Techniques that fail are written down in the job's state; fails with the reason if
-/// nothing of the scene could be measured.
+/// Runs a job to its end, if any of it remains. Techniques that fail are recorded in the job's state. Fails with the reason if nothing
+/// of the scene could be measured.
 pub fn run(job: &Job, progress: &mut Progress, notify: &mut dyn FnMut(Notice)) -> Result<(), String> {
     let store = Store::new(job);
     store.clear_failures();
@@ -53,7 +53,7 @@ pub fn run(job: &Job, progress: &mut Progress, notify: &mut dyn FnMut(Notice)) -
     let planned = progress.handled() + job.frames();
     let file = store.folder().join("job.json");
     write_json(&file, job)?;
-    // Each death is blamed on one technique, which is left out of the next attempt.
+    // Each crash is blamed on one technique, which the next attempt skips.
     let mut result = Err("it was not tried".to_owned());
     for _ in 0..=job.variants.len() {
         _ = fs::remove_file(store.current());
@@ -76,7 +76,7 @@ pub fn run(job: &Job, progress: &mut Progress, notify: &mut dyn FnMut(Notice)) -
         progress.note(format_args!("{}: {id} failed: {reason}", job.id()));
         store.fail(&id, &reason)?;
     }
-    // The next job starts where it was planned to.
+    // The next job starts at its planned position.
     progress.skip(planned.saturating_sub(progress.handled()));
     result
 }
@@ -101,7 +101,7 @@ fn attempt(job: &Job, file: &Path, progress: &mut Progress, notify: &mut dyn FnM
         .map_err(|error| format!("the measuring process can't be started: {error}"))?;
     let (refusal, hung) = listen(&mut child, job, progress, notify);
     if hung {
-        // Its exit status tells the rest.
+        // Its exit status has the rest.
         _ = child.kill();
     }
     let status = child.wait();
@@ -115,7 +115,7 @@ fn attempt(job: &Job, file: &Path, progress: &mut Progress, notify: &mut dyn FnM
     })
 }
 
-/// Follows a process until it closes its output. Returns why it gave up, if it said so, and true if it hangs.
+/// Follows a process until it closes its output. Returns its reason for giving up, if it reported one, and true if it hangs.
 fn listen(
     child: &mut Child,
     job: &Job,

@@ -7,7 +7,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-/// Without a terminal a line is written this often.
+/// Interval between lines without a terminal.
 const LINE_INTERVAL: Duration = Duration::from_secs(20);
 
 /// Writes a line; a reader that went away is no failure.
@@ -23,7 +23,7 @@ pub struct Progress {
 }
 
 impl Progress {
-    /// A run of so many frames.
+    /// A run of this number of frames.
     pub fn new(total: u64) -> Self {
         let style = ProgressStyle::with_template("[{bar:24.#.}] {percent:>3} %, about {eta} left: {wide_msg}");
         let style = style.unwrap_or_else(|_| ProgressStyle::default_bar());
@@ -34,14 +34,14 @@ impl Progress {
         }
     }
 
-    /// So many frames were rendered.
+    /// Counts rendered frames.
     pub fn advance(&mut self, frames: u64) {
         self.handled += frames;
         self.bar.inc(frames);
         self.show();
     }
 
-    /// So many frames need not be rendered. They took no time, so the estimate leaves them out.
+    /// Counts frames that need not be rendered. They took no time, so the estimate ignores them.
     pub fn skip(&mut self, frames: u64) {
         self.handled += frames;
         self.bar.dec_length(frames);
@@ -53,23 +53,23 @@ impl Progress {
         self.handled
     }
 
-    /// Shows the step that is being done.
+    /// Shows the current step.
     pub fn label(&mut self, label: String) {
         self.bar.set_message(label);
         self.show();
     }
 
-    /// Writes a line that stays.
+    /// Writes a permanent line.
     pub fn note(&self, text: impl fmt::Display) {
         self.bar.suspend(|| say(text));
     }
 
-    /// Takes the bar away.
+    /// Removes the bar.
     pub fn finish(&self) {
         self.bar.finish_and_clear();
     }
 
-    /// Replaces the bar where there is no terminal.
+    /// Replaces the bar if there is no terminal.
     fn show(&mut self) {
         let is_due = self.line.is_none_or(|line| line.elapsed() >= LINE_INTERVAL);
         if is_due && !io::stderr().is_terminal() {

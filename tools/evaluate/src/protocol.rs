@@ -20,7 +20,7 @@ pub const STATIC_FRAMES: u32 = 64;
 /// the light of reflections, and in fog.
 pub const SHARED_FRAMES: u32 = 4 * LEAD_FRAMES;
 
-/// The least runs that tell noise from bias.
+/// Minimum number of runs to separate noise from bias.
 pub const DECOMPOSING_RUNS: u32 = 4;
 
 /// How much is measured. Everything that changes a result is in here.
@@ -30,21 +30,21 @@ pub struct Protocol {
     pub width: u32,
     /// Height of the image in pixels.
     pub height: u32,
-    /// Frames of each technique that are timed, rounded up to whole blocks.
+    /// Timed frames of each technique, rounded up to whole blocks.
     pub timing_frames: u32,
-    /// Frames in a row of one technique that are timed.
+    /// Consecutive timed frames of one technique.
     pub block: u32,
     /// Frames after a switch of techniques that aren't.
     pub discard: u32,
     /// Views to compare.
     pub views: u32,
-    /// Views in which still frames are taken, too: recovery and flicker.
+    /// Views in which static images are taken, too: recovery and flicker.
     pub still_views: u32,
-    /// Runs that differ in their noise alone, in each view: they tell how well the bias of reflected light is known.
+    /// Runs in each view, which differ only in their noise. They give the uncertainty of the bias of reflected light.
     pub runs: u32,
     /// Frames of motion before an image is taken.
     pub motion_frames: u32,
-    /// Still frames between which flicker is measured.
+    /// Static frames between which flicker is measured.
     pub flicker_frames: u32,
     /// Samples per pixel of the ground truth.
     pub samples: u32,
@@ -52,9 +52,9 @@ pub struct Protocol {
     pub detail: f32,
     /// Edge of their textures in texels.
     pub texture_size: u32,
-    /// Edge of the shadow maps of directional lights in texels, a power of two; those of point lights have half of it.
+    /// Edge of the shadow maps of directional lights in texels, a power of two. Shadow maps of point lights have half of it.
     pub shadow_size: u32,
-    /// The most shadow maps that a directional light has.
+    /// Maximum number of a directional light's shadow maps.
     pub cascades: u32,
     /// Places of the camera, `X,Y,Z,TX,TY,TZ`, in place of the scene's path.
     #[serde(default)]
@@ -65,7 +65,7 @@ pub struct Protocol {
     /// Splits the error of reflected light into noise and bias.
     #[serde(default)]
     pub decompose: bool,
-    /// A folder of shader modules that techniques take in place of the crate's. The ground truth keeps those of the crate.
+    /// A folder of shader modules that replace the crate's for techniques. The ground truth keeps the crate's.
     #[serde(default)]
     pub shaders: Option<PathBuf>,
 }
@@ -146,8 +146,8 @@ impl Protocol {
                 texture_size: 512,
                 ..full
             },
-            // A frame of these scenes takes a CPU long, most of it for triangles and shadows: few frames of coarse scenes. Their
-            // times only show that timing works.
+            // A frame of these scenes takes a CPU long, mostly for triangles and shadows: few frames of coarse scenes. Their times only
+            // show that timing works.
             (true, true) => Self {
                 width: 128,
                 height: 72,
@@ -177,7 +177,7 @@ impl Protocol {
         self.timing_frames.div_ceil(self.block.max(1)).max(1)
     }
 
-    /// Views in which broken pixels are looked for.
+    /// Views that are searched for broken pixels.
     pub fn float_views(&self) -> u32 {
         self.still_views.max(1).min(self.views)
     }
@@ -213,7 +213,7 @@ mod tests {
     fn protocols_can_decide() {
         for (quick, is_cpu) in [(false, false), (false, true), (true, false), (true, true)] {
             let protocol = Protocol::new(quick, is_cpu);
-            // With fewer rounds the interval of a ratio says little; a quick run on a CPU decides nothing anyway.
+            // With fewer rounds the interval of a ratio means little. A quick run on a CPU decides nothing anyway.
             let rounds = if quick && is_cpu { 3 } else { 5 };
             assert!(protocol.rounds() >= rounds, "{protocol:?}");
             assert!(protocol.flicker_frames >= 2 && protocol.views >= 1 && protocol.float_views() >= 1);

@@ -43,7 +43,7 @@ pub struct SceneFacts {
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Captured {
-    /// A number that is different for each set of images, so that errors of older ones aren't taken for theirs.
+    /// A number that differs for each set of images, so that errors of older ones aren't mistaken for theirs.
     pub stamp: u64,
     /// Flicker of each view with still frames.
     pub flicker: Vec<f64>,
@@ -69,16 +69,16 @@ pub struct ViewSplit {
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Split {
-    /// The light that reflections add by the ground truth; a mean, not a square.
+    /// The light that reflections add in the ground truth; a mean, not a square.
     pub light: f64,
     /// Variance between runs.
     pub noise: f64,
     /// Square of the runs' mean against the truth, without the noise of both; can be below 0 by chance.
     pub bias: f64,
-    /// The same noise, of pixels relative to their luminance (half of it that of the truth, half that of the runs) and that of the whole
-    /// picture: few bright pixels can't outweigh all others.
+    /// The noise of pixels relative to their luminance (the mean of the truth's and the runs') and to the mean luminance of the image: a
+    /// few bright pixels can't outweigh all others.
     pub contrast_noise: f64,
-    /// The same of the bias.
+    /// The bias, in the same way.
     pub contrast_bias: f64,
 }
 
@@ -96,7 +96,7 @@ pub struct TrueSums {
     pub names: Vec<String>,
 }
 
-/// Reflected light that a technique shows in a view: for each run, which has noise of its own, sums over cells.
+/// Reflected light of a technique in a view: sums over cells, for each run with its own noise.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct ShownSums {
@@ -106,7 +106,7 @@ pub struct ShownSums {
     pub still: Vec<Vec<f64>>,
 }
 
-/// The folder in which a job keeps its state.
+/// The folder of a job's state.
 pub struct Store {
     folder: PathBuf,
 }
@@ -149,7 +149,7 @@ impl Store {
         read_json(&self.captured(variant))
     }
 
-    /// True if nothing of a job is left to be rendered.
+    /// Returns whether all of a job is rendered.
     pub fn is_complete(&self, job: &Job) -> bool {
         let light = Self::shared(job);
         let shared = |view| {
@@ -176,7 +176,7 @@ impl Store {
         self.folder.join(format!("light-{view}.json"))
     }
 
-    /// The file that names the technique at work, which is to blame if the process dies.
+    /// The file with the name of the current technique, which is to blame if the process dies.
     pub fn current(&self) -> PathBuf {
         self.folder.join("current.json")
     }

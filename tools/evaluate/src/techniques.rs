@@ -1,4 +1,4 @@
-//! From the names of techniques to components on the camera: the one place that knows how each is switched on and off.
+//! Translates names of techniques to components on the camera. Only this module switches them on and off.
 
 use crate::job::{TracerName, Variant};
 use bevy::{
@@ -13,7 +13,7 @@ use bevy_glint::{
 };
 use glint_scenes::HeadlessApp;
 
-/// Perceptual roughness above which the ground truth has no ray: it traces everything.
+/// Roughness cut-off of the ground truth, which traces everything.
 pub const TRUTH_CUTOFF: f32 = 1.0;
 
 /// The tracer for the plugin.
@@ -24,7 +24,7 @@ pub fn tracer_choice(tracer: TracerName) -> ReflectionTracerChoice {
     }
 }
 
-/// Has the device opened with shading rates, where it has them; must come before Bevy's plugins.
+/// Requests a device with shading rates, if they are supported. Must come before Bevy's plugins.
 pub fn open_device(app: &mut App) {
     #[cfg(target_os = "linux")]
     app.add_plugins(bevy_glint::HardwareVrsPlugin::default());
@@ -37,7 +37,7 @@ pub fn has_hardware_rates(report: &ReflectionStatusReport) -> bool {
     report.hardware_vrs == HardwareVrsSupport::Available
 }
 
-/// True if a technique has a choice of back ends, as with a variable rate.
+/// Returns whether a technique has a choice of back ends, as with a variable rate.
 pub fn has_backends(technique: &str) -> bool {
     technique.starts_with("vrs-") && is_variable(technique)
 }
@@ -47,7 +47,7 @@ pub fn is_variable(technique: &str) -> bool {
     named_settings(technique).is_ok_and(|(settings, _)| settings.technique == ReflectionTechnique::Variable)
 }
 
-/// Gives a camera the same G-buffer for all techniques, so that these differ by their own passes alone.
+/// Gives a camera the same G-buffer for all techniques, so that they differ only by their own passes.
 pub fn prepare_camera(camera: &mut EntityWorldMut) {
     camera.insert((
         DepthPrepass,
@@ -58,7 +58,7 @@ pub fn prepare_camera(camera: &mut EntityWorldMut) {
     ));
 }
 
-/// Switches a technique on and the one before off. Its history starts empty.
+/// Switches a technique on and the previous one off. Its history starts empty.
 ///
 /// `off` and `ssr` keep our component on the camera, since the library frees the whole scene when no camera has it, and extracting the
 /// scene again would disturb the next measurement. A missing requirement keeps it from running: there is no normal prepass, or the camera
@@ -76,7 +76,7 @@ pub fn apply(camera: &mut EntityWorldMut, variant: &Variant) -> Result<(), Strin
         name => {
             let (mut settings, heuristic) = named_settings(name).map_err(|error| error.to_string())?;
             if name.parse::<ReflectionPreset>().is_err() {
-                // Techniques are compared at like tasks; presets stay as users get them.
+                // Techniques are compared at equal tasks; presets stay as users get them.
                 settings.roughness_cutoff = TRUTH_CUTOFF;
                 settings.roughness_fade = 0.0;
             }
@@ -136,7 +136,7 @@ pub fn total_spans(variant: &Variant) -> &'static [&'static str] {
             "render/solari_lighting/world_cache/elapsed_gpu",
             "render/solari_lighting/lighting/elapsed_gpu",
         ],
-        // Glass and water have passes of their own, where they are on the screen.
+        // Glass and water have their own passes, if they are on the screen.
         _ => &[
             "render/glint/elapsed_gpu",
             "render/glint_find_front_layer/elapsed_gpu",
@@ -177,7 +177,7 @@ pub mod solari {
         app.add_plugins(SolariPlugins);
     }
 
-    /// Lets rays hit everything, and the camera's frame be written in place.
+    /// Allows rays to hit everything, and the camera's frame to be written in place.
     pub fn prepare_scene(world: &mut World, camera: Entity) {
         let meshes: Vec<_> = world
             .query::<(Entity, &Mesh3d)>()

@@ -4,7 +4,7 @@ use anyhow::{Context, Result, bail, ensure};
 use ash::{Device, Entry, Instance, khr, vk};
 use std::ffi::CStr;
 
-/// What compilation needs beside Vulkan 1.3.
+/// Extensions that compilation needs in addition to Vulkan 1.3.
 const EXTENSIONS: [&CStr; 7] = [
     khr::acceleration_structure::NAME,
     khr::deferred_host_operations::NAME,
@@ -24,14 +24,14 @@ pub struct Null {
     pub executables: khr::pipeline_executable_properties::Device,
     /// Name of the GPU, and version of the driver.
     pub name: String,
-    /// Bytes that a workgroup may share.
+    /// Maximum shared memory of a workgroup in bytes.
     pub shared: u32,
 }
 
 impl Null {
     /// Opens the device of the only driver that the environment names.
     pub fn open() -> Result<Self> {
-        // SAFETY: the loader is Vulkan's; the drivers that it loads are those of this machine.
+        // SAFETY: the loader is Vulkan's, and it loads this machine's drivers.
         let entry = unsafe { Entry::load() }.context("no Vulkan loader")?;
         let application = vk::ApplicationInfo::default().api_version(vk::API_VERSION_1_3);
         let info = vk::InstanceCreateInfo::default().application_info(&application);
@@ -59,7 +59,7 @@ impl Null {
 
 impl Drop for Null {
     fn drop(&mut self) {
-        // SAFETY: nothing that was made of either is left.
+        // SAFETY: all objects created from either are destroyed.
         unsafe {
             self.device.destroy_device(None);
             self.instance.destroy_instance(None);
@@ -80,7 +80,7 @@ fn properties(instance: &Instance, physical: vk::PhysicalDevice) -> (String, u32
     (format!("{name}, {version}"), shared)
 }
 
-/// Makes the device with all features that are there, as wgpu makes it for Bevy: those for robust accesses are on, too.
+/// Makes the device with all supported features, as wgpu makes it for Bevy, including robust accesses.
 fn create(instance: &Instance, physical: vk::PhysicalDevice) -> Result<Device> {
     // SAFETY: the device was enumerated by this instance.
     let known = unsafe { instance.enumerate_device_extension_properties(physical) }?;
@@ -114,6 +114,6 @@ fn create(instance: &Instance, physical: vk::PhysicalDevice) -> Result<Device> {
         .queue_create_infos(&queues)
         .enabled_extension_names(&names)
         .push_next(&mut features);
-    // SAFETY: extensions and features are those that the device reported; every device has a family of queues.
+    // SAFETY: the device reported these extensions and features, and every device has a family of queues.
     Ok(unsafe { instance.create_device(physical, &info, None) }?)
 }

@@ -1,8 +1,8 @@
 //! Compiles SPIR-V for a GPU that isn't there, by the driver's null device, and prints the compiler's figures.
 //!
 //! `glint_isa FILE...` prints the device's name, and then a line for each argument: the argument, `ok` and statistics as `name=value`, or
-//! `failed` and the reason, with tabs between. A file is a compute shader; `VERTEX:FRAGMENT` names the two stages of a graphics pipeline, and
-//! the figures are those of the second. The compiler can crash: the argument after the last line is its victim then.
+//! `failed` and the reason, separated by tabs. A file is a compute shader; `VERTEX:FRAGMENT` names the two stages of a graphics pipeline,
+//! and the figures are for the second stage. If the compiler crashes, the argument after the last line is the cause.
 //!
 //! The caller's environment picks the driver (`VK_DRIVER_FILES`) and the GPU (`RADV_FORCE_FAMILY`). `cargo xtask isa` is that caller.
 

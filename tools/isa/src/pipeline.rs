@@ -8,7 +8,7 @@ use std::collections::BTreeMap;
 use std::fmt::Write;
 use std::slice;
 
-/// Bytes of push constants: every device has as many.
+/// Bytes of push constants, which every device supports.
 const PUSHED: u32 = 128;
 
 /// Statistics of a pipeline's executable for `stage`, as `name=value` with tabs between.
@@ -38,7 +38,7 @@ pub fn statistics(null: &Null, shader: &Shader, vertex: Option<&Shader>) -> Resu
                 null.shared
             );
         }
-        // SAFETY: the format says which member of the union was written.
+        // SAFETY: the format determines the member of the union that was written.
         let value = unsafe {
             match figure.format {
                 vk::PipelineExecutableStatisticFormatKHR::UINT64 => figure.value.u64.to_string(),
@@ -64,7 +64,7 @@ struct Pipeline<'a> {
 impl<'a> Pipeline<'a> {
     /// Compiles a compute shader, or a fragment shader after a vertex shader.
     fn make(null: &'a Null, shader: &Shader, vertex: Option<&Shader>) -> Result<Self> {
-        // What isn't there yet is null, which Vulkan lets be destroyed.
+        // Missing objects are null handles, which Vulkan allows to destroy.
         let mut made = Self {
             null,
             sets: Vec::new(),
@@ -76,7 +76,7 @@ impl<'a> Pipeline<'a> {
         made.lay_out(&shaders)?;
         for shader in &shaders {
             let info = vk::ShaderModuleCreateInfo::default().code(&shader.words);
-            // SAFETY: naga wrote the code; the driver is what is tested with it.
+            // SAFETY: naga wrote the code, and the driver is under test.
             made.modules
                 .push(unsafe { null.device.create_shader_module(&info, None) }?);
         }
@@ -155,7 +155,7 @@ impl<'a> Pipeline<'a> {
         first(made)
     }
 
-    /// As `src/vrs/pipeline.rs` makes it, shading-rate attachment included.
+    /// Makes the pipeline as `src/vrs/pipeline.rs` does, including the shading-rate attachment.
     fn graphics(&self, stages: &[vk::PipelineShaderStageCreateInfo], formats: &[vk::Format]) -> Result<vk::Pipeline> {
         let vertex_input = vk::PipelineVertexInputStateCreateInfo::default();
         let input_assembly =

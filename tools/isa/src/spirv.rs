@@ -1,4 +1,4 @@
-//! The parts of SPIR-V that a pipeline has to know: stage, bindings, outputs.
+//! The parts of SPIR-V that a pipeline needs: stage, bindings, outputs.
 
 use anyhow::{Context, Result, bail, ensure};
 use ash::vk;
@@ -17,7 +17,7 @@ pub struct Shader {
     pub bindings: Vec<Binding>,
     /// Whether it has push constants.
     pub pushes: bool,
-    /// Formats that hold what a fragment shader writes, by location.
+    /// Formats for the outputs of a fragment shader, by location.
     pub outputs: Vec<vk::Format>,
 }
 

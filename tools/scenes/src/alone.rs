@@ -1,21 +1,20 @@
-//! Tests that need a process of their own, since what they change or look at is shared by all apps of one: messages, panics, memory.
+//! Tests that need their own process, since all apps of a process share the state that they change or inspect: messages, panics, memory.
 
 use std::{
     env,
     process::{Command, Stdio},
 };
 
-/// Says to the program that it was started for one test.
+/// Marks a process that was started for one test.
 const ALONE: &str = "GLINT_TEST_IS_ALONE";
 
-/// Returns whether the test of this full name runs in a process of its own. Otherwise it is run in one, and fails here if it fails there.
+/// Returns whether the test with this full name runs in its own process. Otherwise runs it in one, and fails here if it fails there.
 ///
-/// Tests that are long need not wait for each other in that way, while each leaves most processors idle: drivers compile one shader at a
-/// time.
+/// In this way, long tests need not wait for each other while each leaves most processors idle: drivers compile one shader at a time.
 ///
 /// # Panics
 ///
-/// If the test fails, or the program has none of that name.
+/// If the test fails, or the program has no test of that name.
 #[track_caller]
 pub fn is_alone(test: &str) -> bool {
     if env::var_os(ALONE).is_some() {
@@ -44,7 +43,7 @@ fn has_passed(test: &str, said: &str) -> bool {
     said.contains(&format!("test {test} ... ")) && said.contains("test result: ok. 1 passed; 0 failed; ")
 }
 
-/// Lines that nobody takes for those of the program itself: whoever counts its results would count some twice.
+/// Indents lines, so that they don't look like lines of the program itself: a parser of its results would count some twice.
 fn indented(said: &str) -> String {
     said.lines().map(|line| format!("    {line}\n")).collect()
 }

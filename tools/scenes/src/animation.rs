@@ -1,4 +1,4 @@
-//! Things that move or flicker, as pure functions of a time in seconds: the same time always gives the same picture.
+//! Moving or flickering objects, as pure functions of a time in seconds: the same time always gives the same image.
 
 use bevy::{
     app::{App, Plugin, Update},
@@ -13,7 +13,7 @@ use bevy::{
 };
 use std::f32::consts::TAU;
 
-/// Runs the animation of the scenes by the app's clock. Without it they stand still, unless [`set_time`] moves them.
+/// Runs the animation of the scenes by the app's clock. Without it they don't move, unless [`set_time`] moves them.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct SceneAnimationPlugin;
 
@@ -56,7 +56,7 @@ pub enum Motion {
         angle: f32,
         /// Swings to and fro per second.
         rate: f32,
-        /// Part of a swing that is over at the start.
+        /// Finished fraction of a swing at the start.
         phase: f32,
     },
     /// Walks around an ellipse in the horizontal plane, with its own +x ahead.
@@ -78,11 +78,11 @@ pub enum Motion {
         to: Vec3,
         /// Rotation at the first point.
         start: Quat,
-        /// Radius of a thing that rolls, in metres; infinite for one that doesn't.
+        /// Radius of a rolling object, in metres; infinite for one that doesn't roll.
         radius: f32,
         /// Ways there and back per second.
         rate: f32,
-        /// Part of the way there and back that is over at the start.
+        /// Finished fraction of the way there and back at the start.
         phase: f32,
     },
 }
@@ -144,26 +144,26 @@ impl Motion {
     }
 }
 
-/// A light that flickers, with its bulb. It has a material of its own.
+/// A light that flickers, with its bulb and its own material.
 #[derive(Component, Clone, Debug)]
 pub struct Flicker {
-    /// Brightness of the light in the mean, in lumens.
+    /// Mean brightness of the light, in lumens.
     pub lumens: f32,
-    /// Emission of the bulb in the mean.
+    /// Mean emission of the bulb.
     pub emissive: LinearRgba,
     /// The bulb's material.
     pub bulb: Handle<StandardMaterial>,
 }
 
 impl Flicker {
-    /// Brightness at a time in seconds, relative to the mean: three waves whose rates have no common period.
+    /// Brightness at a time in seconds, relative to the mean: three waves with rates without a common period.
     pub fn brightness(seconds: f32) -> f32 {
         let wave = |rate: f32| ops::sin(TAU * (seconds * rate).fract());
         1.0 + 0.35 * wave(2.3) + 0.3 * wave(5.9) + 0.2 * wave(11.7)
     }
 }
 
-/// Puts all that moves or flickers where it is at a time in seconds.
+/// Moves all animated objects and lights to their state at a time in seconds.
 pub fn set_time(world: &mut World, seconds: f32) {
     for (motion, mut transform) in world.query::<(&Motion, &mut Transform)>().iter_mut(world) {
         motion.apply(seconds, &mut transform);

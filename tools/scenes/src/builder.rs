@@ -1,4 +1,4 @@
-//! The builder with which every scene is spawned.
+//! The builder for every scene.
 
 use crate::{
     geometry::Geometry,
@@ -17,7 +17,7 @@ use bevy::{
     transform::components::Transform,
 };
 
-/// Marks the entity that holds a spawned scene (despawn it to remove all of it) and says what is in it.
+/// Marks the root entity of a spawned scene (despawn it to remove all of it), with statistics of its content.
 #[derive(Component, Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct SceneStatistics {
     /// Mesh instances.
@@ -38,7 +38,7 @@ pub struct SceneMesh {
 
 /// Spawns a scene piece by piece below one root entity and counts.
 pub struct SceneBuilder<'w> {
-    /// The world that is built in.
+    /// The world of the scene.
     pub world: &'w mut World,
     root: Entity,
     statistics: SceneStatistics,
@@ -58,7 +58,7 @@ impl<'w> SceneBuilder<'w> {
         }
     }
 
-    /// Goes on with a scene that was finished.
+    /// Continues a finished scene.
     pub fn resume(world: &'w mut World, root: Entity) -> Self {
         let statistics = world.get(root).copied().unwrap_or_default();
         Self {
@@ -108,7 +108,7 @@ impl<'w> SceneBuilder<'w> {
         self.world.entity_mut(entity).insert(NotShadowCaster);
     }
 
-    /// Adds a point light of so many lumens that casts no shadows; range and radius are in metres.
+    /// Adds a point light of `intensity` lumens without shadows; range and radius are in metres.
     pub fn lamp(&mut self, at: Vec3, color: Color, intensity: f32, range: f32, radius: f32) {
         let light = PointLight {
             color,
@@ -145,7 +145,7 @@ impl<'w> SceneBuilder<'w> {
         self.world.spawn((bundle, ChildOf(self.root))).id()
     }
 
-    /// Ends the scene; returns its root.
+    /// Finishes the scene, and returns its root.
     pub fn finish(self) -> Entity {
         self.world.entity_mut(self.root).insert(self.statistics);
         self.root

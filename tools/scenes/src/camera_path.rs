@@ -1,4 +1,4 @@
-//! The camera's way through every scene: smooth, and the same in every run.
+//! The camera's path through every scene: smooth, and the same in every run.
 
 use bevy::{math::Vec3, transform::components::Transform};
 
@@ -26,7 +26,7 @@ impl CameraPath {
         }
     }
 
-    /// Pose of the camera after some seconds. It rests at the start before the way begins (or without a time) and at the end afterwards.
+    /// Pose of the camera at a time in seconds. It stays at the start before the path begins (or without a time) and at the end afterwards.
     pub fn pose(&self, seconds: f32) -> Transform {
         let t = seconds / self.seconds;
         let t = if t.is_nan() { 0.0 } else { t.clamp(0.0, 1.0) };

@@ -3,7 +3,7 @@
 use bevy::{math::Vec3, transform::components::Transform};
 use std::{fmt, str::FromStr};
 
-/// Place of a camera, and what it looks at: `X,Y,Z,TX,TY,TZ` in metres.
+/// Place of a camera, and its target: `X,Y,Z,TX,TY,TZ` in metres.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CameraPlace {
     eye: Vec3,

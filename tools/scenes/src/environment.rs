@@ -18,7 +18,7 @@ use bevy::{
 /// Options of a scene.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SceneOptions {
-    /// Fineness of curved parts: 1 gives each scene the triangles that its name promises. Clamped to 0.25..=8.
+    /// Fineness of curved parts: 1 gives each scene its documented number of triangles. Clamped to 0.25..=8.
     pub detail: f32,
     /// Edge of procedural textures in texels, clamped to 4..=2048.
     pub texture_size: u32,
@@ -72,8 +72,8 @@ impl Environment {
         }
     }
 
-    /// Puts the components on a camera. Ambient light is switched off: the environment map takes its place. Without a sky the background is
-    /// black; dithering goes with the tone curve.
+    /// Inserts the components on a camera. Ambient light is switched off, because the environment map replaces it. Without a sky the
+    /// background is black. Dithering is on if the tone curve is.
     pub fn insert(self, camera: &mut EntityWorldMut) {
         let ambient = AmbientLight {
             brightness: 0.0,

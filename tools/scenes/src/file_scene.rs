@@ -1,4 +1,4 @@
-//! A glTF file as a scene to measure: its own camera and lights where it has them, and ours otherwise.
+//! A glTF file as a scene to measure: with its own camera and lights if it has them, and ours otherwise.
 
 use crate::{FileView, HeadlessApp, file_environment, file_sun};
 use bevy::{asset::AssetPath, camera::primitives::Aabb, prelude::*, world_serialization::WorldAssetRoot};
@@ -15,7 +15,7 @@ pub fn load_file(app: &mut HeadlessApp, file: &Path) -> Entity {
     camera
 }
 
-/// Places and projections of a file's own cameras, once it is loaded; the first one is that of [`arrange_file`].
+/// Places and projections of a file's own cameras, once it is loaded. The first one is the camera of [`arrange_file`].
 pub fn file_cameras(world: &mut World, ours: Entity) -> Vec<(Transform, Projection)> {
     let mut cameras = world.query_filtered::<(Entity, &GlobalTransform, &Projection), With<Camera>>();
     cameras
@@ -25,9 +25,9 @@ pub fn file_cameras(world: &mut World, ours: Entity) -> Vec<(Transform, Projecti
         .collect()
 }
 
-/// Gives the camera of a file that is loaded its place: this one, else that of the file's first camera, else one from which everything is
-/// seen. Adds a sun if there is no light. Returns the place, and half of the diagonal of the box around all objects, in metres; `None` if
-/// there is nothing to look at.
+/// Places the camera of a loaded file: at this place, otherwise at the file's first camera, otherwise at a place from which everything is
+/// visible. Adds a sun if there is no light. Returns the place, and half of the diagonal of the box around all objects, in metres; `None`
+/// for an empty file.
 pub fn arrange_file(world: &mut World, ours: Entity, place: Option<Transform>) -> Option<(Transform, f32)> {
     let mut objects = world.query_filtered::<(&Aabb, &GlobalTransform), With<Mesh3d>>();
     let view = FileView::of(objects.iter(world))?;

@@ -1,4 +1,4 @@
-//! A view of a glTF file in which all of it is seen, the same in all tools.
+//! A view of a glTF file that shows all of it, the same in all tools.
 
 use bevy::{camera::primitives::Aabb, prelude::*};
 
@@ -18,7 +18,7 @@ pub struct FileView {
 }
 
 impl FileView {
-    /// A view of objects with these bounds; `None` if there are none, or none at a finite place.
+    /// A view of objects with these bounds; `None` without objects at a finite place.
     pub fn of<'a>(objects: impl IntoIterator<Item = (&'a Aabb, &'a GlobalTransform)>) -> Option<Self> {
         let (mut low, mut high) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
         for (aabb, transform) in objects {

@@ -60,8 +60,8 @@ impl Geometry {
         self.append(&part, transform);
     }
 
-    /// Adds the surface `point(u, v)` over the unit square, `columns` by `rows` quads; its front is where `d/du x d/dv` points.
-    /// `uv_scale` maps the square to texture coordinates.
+    /// Adds the surface `point(u, v)` over the unit square, `columns` by `rows` quads. Its front faces `d/du x d/dv`. `uv_scale` maps the
+    /// square to texture coordinates.
     pub fn surface(&mut self, columns: u32, rows: u32, uv_scale: Vec2, point: impl Fn(f32, f32) -> Vec3) {
         let (columns, rows) = (columns.max(1), rows.max(1));
         let base = self.positions.len() as u32;
@@ -74,7 +74,7 @@ impl Geometry {
                     let dv = point(u, v + delta) - point(u, v - delta);
                     du.cross(dv).try_normalize()
                 };
-                // At a pole one derivative vanishes: look from slightly inside.
+                // At a pole one derivative vanishes, so take it slightly inside.
                 let normal = normal_at(u, v).or_else(|| normal_at(u * 0.99 + 0.005, v * 0.99 + 0.005));
                 self.positions.push(point(u, v));
                 self.normals.push(normal.unwrap_or(Vec3::Y));
@@ -84,7 +84,8 @@ impl Geometry {
         self.grid(base, columns, rows);
     }
 
-    /// Adds the surface `point(u, v)` like [`surface`](Self::surface), with normals of its own, which need not be those of its triangles.
+    /// Adds the surface `point(u, v)` like [`surface`](Self::surface), with its own normals, which can differ from the normals of its
+    /// triangles.
     pub fn shaded_surface(&mut self, columns: u32, rows: u32, point: impl Fn(f32, f32) -> (Vec3, Vec3)) {
         let base = self.positions.len() as u32;
         for row in 0..=rows {
@@ -125,7 +126,7 @@ impl Geometry {
         self.triangle(base, base + 2, base + 3);
     }
 
-    /// Adds a flat quad whose UVs follow its position, so that neighbours in one plane continue the texture.
+    /// Adds a flat quad with UVs from its position, so that neighbours in one plane continue the texture.
     pub fn mapped_quad(&mut self, corners: [Vec3; 4], uv_scale: f32) {
         let [a, b, _, d] = corners;
         let normal = (b - a).cross(d - a).normalize_or(Vec3::Y);
@@ -310,7 +311,7 @@ impl Geometry {
 
     fn triangle(&mut self, a: u32, b: u32, c: u32) {
         let [p, q, r] = [a, b, c].map(|i| self.positions[i as usize]);
-        // Poles and pinched surfaces make empty triangles; loaders rarely deliver any, so neither do we.
+        // Poles and pinched surfaces make empty triangles. Loaders rarely deliver any, so we skip them, too.
         if (q - p).cross(r - p).length_squared() > 1e-16 {
             self.indices.extend([a, b, c]);
         }

@@ -1,5 +1,5 @@
-//! Windows, bottles and a pool before coloured things, of several roughnesses. The same surfaces exist opaque and black, so that what a
-//! technique makes of reflections on glass can be compared with what it makes of those on anything else.
+//! Windows, bottles and a pool before coloured objects, of several roughnesses. The same surfaces exist opaque and black, so that a
+//! technique's reflections on glass can be compared with its reflections on other surfaces.
 
 use crate::{
     builder::{SceneBuilder, SceneMesh},
@@ -34,14 +34,14 @@ pub const PATH: CameraPath = CameraPath {
     far: 200.0,
 };
 
-/// Surfaces that show something through them, or don't.
+/// Whether surfaces are see-through.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Finish {
     Clear,
     Opaque,
 }
 
-/// A hazy day; its sun is part of the sky, and lights nothing directly.
+/// A hazy day. Its sun is only a part of the sky, and not a directional light.
 pub fn environment(world: &mut World) -> Environment {
     let sun = sun_direction(150.0, 35.0);
     Environment {
@@ -78,7 +78,7 @@ pub fn spawn(world: &mut World, options: &SceneOptions, finish: Finish) -> Entit
     scene.finish()
 }
 
-/// Adds to what lies behind it what it reflects, which is more than glass does. Opaque, it is black.
+/// Adds its reflection to the light from behind, and reflects more than real glass. Opaque, it is black.
 fn glass(finish: Finish, perceptual_roughness: f32, normal_map_texture: Option<Handle<Image>>) -> StandardMaterial {
     let (base_color, alpha_mode) = match finish {
         Finish::Clear => (Color::NONE, AlphaMode::Premultiplied),
@@ -127,7 +127,7 @@ fn bottles(scene: &mut SceneBuilder, options: &SceneOptions, finish: Finish) {
     }
 }
 
-/// Unlit things of plain colours on all sides.
+/// Unlit objects of plain colours on all sides.
 fn surroundings(scene: &mut SceneBuilder) {
     let unlit = |(red, green, blue)| StandardMaterial {
         base_color: Color::linear_rgb(red, green, blue),

@@ -19,7 +19,7 @@ pub fn write_test_assets(folder: &Path) -> io::Result<[PathBuf; 2]> {
     Ok(paths)
 }
 
-/// Data of an accessor, and what it says about them.
+/// Data of an accessor, and their JSON description.
 type Attribute = (Vec<u8>, Value);
 
 fn floats(values: &[f32], kind: &str) -> Attribute {

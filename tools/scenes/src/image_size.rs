@@ -8,7 +8,7 @@ use std::{fmt, str::FromStr};
 pub struct ImageSize(pub UVec2);
 
 impl ImageSize {
-    /// Largest width and height: that of the textures of current GPUs.
+    /// Largest width and height: the limit for textures of current GPUs.
     pub const MAX: u32 = 16_384;
 }
 

@@ -1,6 +1,6 @@
 //! Scenes built from code and a harness that renders them without a window: shared by the examples, the tests and the measurements.
 //!
-//! Units are metres, lumens, lux and cd/m², as in Bevy. Nothing here depends on the reflections: every scene renders with plain Bevy.
+//! Units are metres, lumens, lux and cd/m², as in Bevy. No code here depends on the reflections: every scene renders with plain Bevy.
 
 #[cfg(not(target_arch = "wasm32"))]
 mod alone;

@@ -47,7 +47,7 @@ pub fn dielectric(material: StandardMaterial) -> StandardMaterial {
     }
 }
 
-/// A material that is seen from both sides.
+/// A double-sided material.
 pub fn both_sides(material: StandardMaterial) -> StandardMaterial {
     StandardMaterial {
         double_sided: true,

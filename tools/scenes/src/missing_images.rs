@@ -1,4 +1,4 @@
-//! Files whose images are missing or broken: their materials are shown without them.
+//! Files with missing or broken images: their materials are shown without these.
 
 use bevy::{
     asset::AssetLoadFailedEvent,
@@ -6,8 +6,8 @@ use bevy::{
     prelude::*,
 };
 
-/// Takes images that can't be loaded out of the materials that name them, with a warning each. Bevy draws no object of a material
-/// that waits for an image.
+/// Removes images that can't be loaded from materials, with a warning for each. Bevy doesn't draw objects with a material that
+/// waits for an image.
 pub struct MissingImagesPlugin;
 
 impl Plugin for MissingImagesPlugin {
@@ -45,7 +45,7 @@ fn note_missing_images(mut failures: MessageReader<AssetLoadFailedEvent<Image>>,
     }
 }
 
-/// Runs each frame, since a material may be loaded after its image has failed.
+/// Runs each frame, since a material might load after its image has failed.
 fn leave_out_missing_images(missing: Res<MissingImages>, mut materials: ResMut<Assets<StandardMaterial>>) {
     if missing.ids.is_empty() {
         return;

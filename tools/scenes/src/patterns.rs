@@ -11,7 +11,7 @@ pub(crate) fn mix(a: Vec3, b: Vec3, t: f32) -> Vec3 {
     a.lerp(b, t.clamp(0.0, 1.0))
 }
 
-/// Distance to the nearest edge of the cell that `p` lies in, in cells.
+/// Distance from `p` to the nearest edge of its cell, in cells.
 pub(crate) fn edge(p: Vec2) -> Vec2 {
     let f = p - p.floor();
     f.min(Vec2::ONE - f)
@@ -168,7 +168,7 @@ pub fn cloth(uv: Vec2) -> Texel {
     }
 }
 
-/// Brushed and tarnished metal; the material's base colour gives the metal.
+/// Brushed and tarnished metal; the material's base colour is the colour of the metal.
 pub fn worn_metal(uv: Vec2) -> Texel {
     let scratches = fractal(uv, 40, 3, 15);
     let tarnish = smooth(0.5, 0.72, fractal(uv, 4, 5, 16));

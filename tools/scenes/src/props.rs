@@ -122,7 +122,7 @@ pub fn plant(g: &mut Geometry, leaves: u32, length: f32, segments: u32, seed: u6
         let rank = i as f32 / leaves.max(1) as f32;
         let reach = length * random.range(0.55, 1.0) * (0.55 + 0.45 * rank);
         let width = reach * random.range(0.17, 0.24);
-        // Inner leaves stand up, outer ones arch over.
+        // Inner leaves are upright, and outer ones arch over.
         let start = random.range(1.15, 1.5) - 0.35 * rank;
         let bend = random.range(0.9, 1.5) * (0.45 + rank);
         let roll = random.range(-0.4, 0.4);

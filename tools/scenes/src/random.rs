@@ -39,7 +39,7 @@ impl Random {
         low + (high - low) * self.unit()
     }
 
-    /// A whole number below `end`; 0 if that is 0.
+    /// A whole number below `end`; 0 if `end` is 0.
     pub fn below(&mut self, end: usize) -> usize {
         self.bits() as usize % end.max(1)
     }
@@ -49,7 +49,7 @@ impl Random {
         self.unit() < probability
     }
 
-    /// One of several, at least one.
+    /// One item of a slice, which must not be empty.
     pub fn pick<T: Copy>(&mut self, from: &[T]) -> T {
         from[self.below(from.len())]
     }
@@ -104,7 +104,7 @@ pub fn veins(uv: Vec2, frequency: i32, seed: u32) -> f32 {
     ops::powf((1.0 - (n - 0.5).abs() * 2.0).clamp(0.0, 1.0), 14.0)
 }
 
-/// Hermite step from 0 at `low` to 1 at `high`; `low` may exceed `high`.
+/// Hermite step from 0 at `low` to 1 at `high`; `low` can exceed `high`.
 pub fn smooth(low: f32, high: f32, x: f32) -> f32 {
     let width = high - low;
     if width == 0.0 {

@@ -1,4 +1,4 @@
-//! A way of the camera that was recorded, and the text in which it is kept.
+//! A recorded path of the camera, and its text format.
 
 use bevy::{
     math::{Quat, Vec3},
@@ -8,14 +8,14 @@ use std::{fmt, fs, path::Path, str::FromStr};
 
 const HEADER: &str =
     "# Camera path of bevy_glint. Each line: seconds, position (x y z, metres), rotation (quaternion, x y z w).";
-/// Seconds between two poses that are recorded, at least: every other frame of 60 a second.
+/// Minimum number of seconds between two recorded poses: every other frame of 60 a second.
 const INTERVAL: f32 = 0.03;
 /// The latest time in seconds: beyond it, frames are too close for `f32`.
 const MAX_SECONDS: f32 = 10_000.0;
-/// Seconds that a path lasts at least: those of the 32 frames of motion before a picture that is compared with the truth.
+/// Minimum length of a path in seconds: the 32 frames of motion before an image that is compared with the truth.
 const MIN_LENGTH: f32 = 32.0 / 60.0;
 
-/// Poses at times that grow. Seconds are those of the clock that moves the scene.
+/// Poses at increasing times. Seconds refer to the clock that moves the scene.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct RecordedPath {
     poses: Vec<(f32, Transform)>,
@@ -26,7 +26,7 @@ impl RecordedPath {
     ///
     /// # Errors
     ///
-    /// If it can't be read, or holds no path; with its name and the reason, in one line.
+    /// If it can't be read, or contains no path; with its name and the reason, in one line.
     pub fn load(file: &Path) -> Result<Self, String> {
         let text = fs::read_to_string(file).map_err(|error| format!("{} can't be read: {error}", file.display()))?;
         text.parse()
@@ -45,7 +45,7 @@ impl RecordedPath {
         fs::write(file, text).map_err(|error| format!("{} can't be written: {error}", file.display()))
     }
 
-    /// Adds where the camera is. Poses that follow too soon on the last one, or are not finite, are left out.
+    /// Adds the pose of the camera. Poses that follow too soon on the last one, or are not finite, are skipped.
     pub fn push(&mut self, seconds: f32, pose: &Transform) {
         let is_due = self.poses.last().is_none_or(|(last, _)| seconds - last >= INTERVAL);
         if is_due && seconds.is_finite() && pose.is_finite() {

@@ -19,22 +19,22 @@ use bevy::{
 use std::{error::Error, fmt};
 use strum::{Display, EnumString, IntoStaticStr};
 
-/// A scene that can be spawned. Its name is that of the variant in lower case, with underscores or hyphens.
+/// A scene that can be spawned. Its name is the variant's in lower case, with underscores or hyphens.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Display, EnumString, IntoStaticStr)]
 #[strum(serialize_all = "snake_case", ascii_case_insensitive)]
 #[strum(parse_err_ty = UnknownScene, parse_err_fn = unknown_scene)]
 pub enum SceneName {
-    /// Spheres and boxes of graded roughness and metalness on a polished floor between textured walls, with things that move.
+    /// Spheres and boxes of graded roughness and metalness on a polished floor between textured walls, with moving objects.
     Demo,
     /// A two-storey colonnaded courtyard, richly carved and furnished: mostly rough stone and cloth, with thin metal; at least 250 thousand
     /// triangles.
     Atrium,
-    /// The same courtyard with plain columns and little in it: at least 66 thousand triangles.
+    /// The courtyard with plain columns and few objects: at least 66 thousand triangles.
     #[strum(to_string = "atrium_small", serialize = "atrium-small")]
     AtriumSmall,
     /// A temple of polished floors and bronze: reflections nearly everywhere; at least 500 thousand triangles.
     Temple,
-    /// A street after rain, full of windows and small things: millions of triangles by instancing.
+    /// A street after rain, full of windows and small objects: millions of triangles by instancing.
     Street,
     /// The courtyard with people, a door, a swinging lamp, a flickering light and a rolling ball.
     #[strum(to_string = "atrium_moving", serialize = "atrium-moving")]
@@ -53,11 +53,11 @@ pub enum SceneName {
     /// Emissive objects of black albedo over metal and dielectric floors of several roughnesses, without any other light.
     #[strum(to_string = "emissive_floor", serialize = "emissive-floor")]
     EmissiveFloor,
-    /// Shapes whose normals are hard on reflections, of several roughnesses: dielectrics, metals and clearcoats on a plain ground.
+    /// Shapes with normals that are hard on reflections, of several roughnesses: dielectrics, metals and clearcoats on a plain ground.
     Shapes,
-    /// Windows, bottles and a pool before coloured things.
+    /// Windows, bottles and a pool before coloured objects.
     Glass,
-    /// The same surfaces, opaque and black.
+    /// The surfaces of [`Self::Glass`], opaque and black.
     #[strum(to_string = "black_glass", serialize = "black-glass")]
     BlackGlass,
 }
@@ -87,7 +87,7 @@ impl SceneName {
     }
 }
 
-/// The error of a name that is no scene's.
+/// The error for an unknown name of a scene.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct UnknownScene(String);
 
@@ -104,7 +104,7 @@ impl fmt::Display for UnknownScene {
 
 impl Error for UnknownScene {}
 
-/// Spawns a scene with everything but the camera; returns the root, which carries [`SceneStatistics`](crate::SceneStatistics).
+/// Spawns a scene with everything but the camera. Returns the root, which has [`SceneStatistics`](crate::SceneStatistics).
 pub fn spawn(name: SceneName, world: &mut World) -> Entity {
     spawn_with(name, world, &SceneOptions::default())
 }
@@ -134,14 +134,13 @@ pub fn spawn_with(name: SceneName, world: &mut World, options: &SceneOptions) ->
         SceneName::Glass => glass::spawn(world, &options, Finish::Clear),
         SceneName::BlackGlass => glass::spawn(world, &options, Finish::Opaque),
     };
-    // Things that move start where they are at time zero, with or without the animation.
+    // Animated objects start at their places for time zero, with or without the animation.
     set_time(world, 0.0);
     root
 }
 
 impl CameraPath {
-    /// The path of a scene: a way through the places, a loop in front of the little scenes. It starts where the scene's
-    /// [`camera`] stands.
+    /// The path of a scene: a walk through the places, a loop in front of the small scenes. It starts at the scene's [`camera`].
     pub const fn of(scene: SceneName) -> Self {
         match scene {
             SceneName::Demo => demo::PATH,

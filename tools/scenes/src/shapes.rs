@@ -1,6 +1,6 @@
-//! Shapes whose normals are hard on reflections: those that lean far from their triangles, and even away from the viewer. Three bays, of
-//! dielectrics, metals and clearcoats, hold each shape once, and each roughness once. Nothing but the shapes reflects, so that what a
-//! technique reflects too much or too little is theirs alone.
+//! Shapes with normals that are hard on reflections: normals that lean far from their triangles, and even away from the viewer. Three
+//! bays, of dielectrics, metals and clearcoats, contain each shape once, and each roughness once. Only the shapes reflect, so that any
+//! surplus or loss of reflected light is theirs.
 
 use crate::{
     builder::SceneBuilder,
@@ -44,7 +44,7 @@ pub const PATH: CameraPath = CameraPath {
     far: 1000.0,
 };
 
-/// A hazy day; its sun is part of the sky, and lights nothing directly.
+/// A hazy day. Its sun is only a part of the sky, and not a directional light.
 pub fn environment(world: &mut World) -> Environment {
     let sun = sun_direction(-40.0, 28.0);
     Environment::under(world, Sky::Day { sun }, 1000.0, 9.7)
@@ -54,7 +54,7 @@ pub fn spawn(world: &mut World, options: &SceneOptions) -> Entity {
     let mut scene = SceneBuilder::new(world);
     surroundings(&mut scene);
     let bumps = scene.textures(options.texture_size, bumps).normal;
-    // The box is the largest shape, with room of its own behind the others.
+    // The box is the largest shape, with its own space behind the others.
     let shapes = [
         ("box", scene.shape(rounded_box), vec3(0.0, 7.5, -26.0), 0.0),
         ("sphere", scene.shape(low_poly_sphere), front(0), 0.0),
@@ -70,7 +70,7 @@ pub fn spawn(world: &mut World, options: &SceneOptions) -> Entity {
     ];
     for (bay, (finish, make)) in finishes.into_iter().enumerate() {
         for (index, (shape, mesh, place, degrees)) in shapes.iter().enumerate() {
-            // Another roughness for each shape in each bay; that of the dielectric box is 0.65.
+            // Another roughness for each shape in each bay; the dielectric box has 0.65.
             let roughness = ROUGHNESS[(index + 3 + 2 * bay) % ROUGHNESS.len()];
             let mut material = make(roughness);
             if index == WALL {
@@ -92,7 +92,7 @@ fn front(index: usize) -> Vec3 {
     vec3(SPACING * (index as f32 - 1.5), 0.5 * HEIGHT, 8.0)
 }
 
-/// Plain ground, and lamps that shapes of low roughness show.
+/// Plain ground, and lamps that shapes of low roughness reflect.
 fn surroundings(scene: &mut SceneBuilder) {
     let unlit = |color| StandardMaterial {
         base_color: color,
@@ -131,7 +131,7 @@ fn metallic(roughness: f32) -> StandardMaterial {
     metal(Color::linear_rgb(0.25, 0.2, 0.14), roughness)
 }
 
-/// The coat is smoother than what it covers.
+/// The coat is smoother than the surface below it.
 fn clearcoat(roughness: f32) -> StandardMaterial {
     StandardMaterial {
         clearcoat: 1.0,
@@ -169,7 +169,7 @@ fn low_poly_sphere(g: &mut Geometry) {
     });
 }
 
-/// A cylinder whose side and caps share the normals of the rim, as if its edges were round.
+/// A cylinder with a side and caps that share the normals of the rim, as if its edges were round.
 fn smoothed_cylinder(g: &mut Geometry) {
     const SIDES: u32 = 12;
     let (radius, top) = (0.4 * HEIGHT, 0.5 * HEIGHT);
@@ -188,7 +188,7 @@ fn panel(g: &mut Geometry) {
     boxed(g, vec3(HEIGHT, HEIGHT, 1.5), 1, |_, face| face);
 }
 
-/// A cube whose normals lean up to 75 degrees to all sides: in each view some face away.
+/// A cube with normals that lean up to 75 degrees to all sides: in each view some face away.
 fn leaning_cube(g: &mut Geometry) {
     boxed(g, Vec3::splat(0.8 * HEIGHT), 8, |position, face| {
         let (sin, cos) = sin_cos(0.9 * (position.x + 1.3 * position.y + 1.7 * position.z));

@@ -15,7 +15,7 @@ use std::f32::consts::{PI, TAU};
 /// The light that rays find when they leave a scene. Values are relative; the scene scales them to cd/m².
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Sky {
-    /// The same radiance of 1 in every direction.
+    /// A radiance of 1 in every direction.
     White,
     /// Late afternoon: a blue vault with thin clouds, warm towards the sun; the sun's disc itself is left to a directional light.
     Evening {
@@ -69,7 +69,7 @@ impl Sky {
         }
     }
 
-    /// Bakes the picture of the sky that the camera sees.
+    /// Bakes the sky's image for the camera.
     pub fn background(&self, images: &mut Assets<Image>) -> bevy::asset::Handle<Image> {
         let size = if *self == Sky::White { 4 } else { 256 };
         images.add(cube_image(&[Cube::bake(size, |direction| self.radiance(direction))]))
@@ -171,7 +171,7 @@ fn hammersley(i: u32, n: u32) -> Vec2 {
     vec2((i as f32 + 0.5) / n as f32, i.reverse_bits() as f32 / 4_294_967_296.0)
 }
 
-/// Mean radiance over the cosine lobe: Bevy's diffuse map holds irradiance divided by pi.
+/// Mean radiance over the cosine lobe: Bevy's diffuse map contains irradiance divided by pi.
 fn irradiance(normal: Vec3, radiance: impl Fn(Vec3) -> Vec3) -> Vec3 {
     const SAMPLES: u32 = 256;
     let (tangent, bitangent) = normal.any_orthonormal_pair();
@@ -215,7 +215,7 @@ fn half(value: f32) -> f16 {
     f16::from_f32(f32::from_bits(value.to_bits() | 1))
 }
 
-/// A cube map image of half floats whose mip levels are the given cubes.
+/// A cube map image of half floats, with the given cubes as mip levels.
 fn cube_image(levels: &[Cube]) -> Image {
     let size = levels.first().map_or(1, |cube| cube.size);
     let mut data = Vec::new();

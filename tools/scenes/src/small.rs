@@ -99,8 +99,7 @@ pub fn furnace(world: &mut World) -> Entity {
     scene.finish()
 }
 
-/// Glowing shapes with black albedo over a row of floors. A ray off a floor either sees an emitter or nothing, so one bounce is
-/// all there is.
+/// Glowing shapes with black albedo over a row of floors. A ray off a floor either sees an emitter or nothing, so one bounce is enough.
 pub fn emissive_floor(world: &mut World) -> Entity {
     let mut scene = SceneBuilder::new(world);
     let panel = scene.shape(|g| {
@@ -156,7 +155,7 @@ pub fn emissive_floor(world: &mut World) -> Entity {
     scene.finish()
 }
 
-/// Exposure one, no tone curve: the image holds what was computed. Without a sky there is no light but that of emitters.
+/// Exposure one, no tone curve: the image contains the computed values. Without a sky only emitters give light.
 pub fn environment(world: &mut World, sky: Option<Sky>) -> Environment {
     let lit = sky.map(|sky| Environment::under(world, sky, 1.0, UNIT_EXPOSURE));
     Environment {

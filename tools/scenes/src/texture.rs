@@ -132,7 +132,7 @@ pub fn texture(size: u32, level_zero: Vec<u8>, content: Content) -> Image {
     image
 }
 
-/// Has all images filtered without anisotropy, which drivers do differently: pictures of two of them can be compared.
+/// Makes all images use filters without anisotropy, which drivers implement differently, so that images of two drivers can be compared.
 pub fn drop_anisotropy(images: &mut Assets<Image>) {
     for (_, image) in images.iter_mut() {
         if let ImageSampler::Descriptor(sampler) = &mut image.sampler {

@@ -1,9 +1,8 @@
 //! The same frames with and without runtime checks in the library's shaders.
 //!
 //! Bevy compiles shaders without checks, and an access out of bounds can then read anything. With checks it reads something harmless.
-//! Different frames indicate accesses out of bounds in arrays of fixed size and binding arrays, loops without an end, and integer
-//! divisions by zero. They don't cover buffers and images if the driver itself checks those, as the CPU driver does: wgpu then leaves
-//! both to it.
+//! Different frames indicate accesses out of bounds in arrays of fixed size and binding arrays, endless loops, and integer divisions by
+//! zero. Buffers and images aren't covered if the driver itself checks them, as the CPU driver does: wgpu then relies on these checks.
 
 use crate::{
     generators::Generator,
@@ -23,7 +22,7 @@ use bevy_glint::{
 };
 use glint_scenes::{Random, SceneName};
 
-/// Most frames to wait for assets, pipelines and meshes.
+/// Maximum number of frames to wait for assets, pipelines and meshes.
 const PATIENCE: u32 = 5000;
 /// Frames in which histories fill before they are compared.
 const FRAMES: u32 = 6;
@@ -181,7 +180,7 @@ impl Bounds {
     }
 }
 
-/// The error says why the case is inconclusive.
+/// The error is the reason why the case is inconclusive.
 fn compare_snapshots(plain: &mut Harness, checked: &mut Harness, case: &Case, size: UVec2) -> Result<Verdict, String> {
     let (first, second) = (snapshot(plain, case, size)?, snapshot(checked, case, size)?);
     let exact = plain.is_cpu();

@@ -1,7 +1,7 @@
 //! Limits of a scene's time and memory, by its content.
 //!
 //! Time is that of the plugin's systems in the render app, extraction included, on their threads: Bevy's own work, the GPU's, and other
-//! programs count as little as possible. Bytes are those of the status. `Content::usual` follows the largest of some hundred scenes.
+//! programs have little influence. Bytes come from the status. `Content::usual` follows the largest of some hundred scenes.
 
 use crate::{
     generators::EventKind,
@@ -12,11 +12,11 @@ use crate::{
 use bevy::prelude::*;
 use bevy_glint::ReflectionViewMemory;
 
-/// Limit as a multiple of the usual cost. More lets waste pass, less raises alarms on slow or busy machines.
+/// Limit as a multiple of the usual cost. A higher value misses waste; a lower one raises alarms on slow or busy machines.
 const MARGIN: f64 = 4.0;
-/// Limit of a single frame as a multiple of the limit of the average. More lets hitches pass.
+/// Limit of a single frame as a multiple of the limit of the average. A higher value misses hitches.
 const PEAK: f64 = 2.0;
-/// Events that take reflecting cameras away.
+/// Events that remove reflecting cameras.
 const RESTARTS: [EventKind; 3] = [
     EventKind::ToggleReflections,
     EventKind::ToggleCamera,
@@ -28,17 +28,17 @@ const RESTARTS: [EventKind; 3] = [
 struct Content {
     /// Cameras that reflect.
     cameras: usize,
-    /// Pixels of their pictures.
+    /// Pixels of their images.
     pixels: u64,
     /// Objects.
     instances: usize,
-    /// Triangles of their meshes, and of the trees that are merged of them.
+    /// Triangles of their meshes, and of the trees that are merged from them.
     triangles: u64,
     /// Lights.
     lights: usize,
     /// Objects can change in each frame.
     changes: bool,
-    /// Reflecting cameras go or come, and the whole scene goes and comes with them.
+    /// Reflecting cameras come or go, and the whole scene is loaded and freed with them.
     restarts: bool,
 }
 
@@ -47,7 +47,7 @@ struct Content {
 struct Cost {
     /// CPU milliseconds of a frame, on average.
     frame: f64,
-    /// CPU milliseconds of the frame that takes longest.
+    /// CPU milliseconds of the longest frame.
     longest: f64,
     /// Bytes of the scene that rays hit.
     scene: f64,
@@ -64,7 +64,7 @@ impl Content {
         self.lights = self.lights.max(other.lights);
     }
 
-    /// The most that such a scene took, measured with both tracers on a CPU of 2 cores that had other work, too.
+    /// The maximum cost of such a scene, measured with both tracers on a busy CPU of 2 cores.
     fn usual(&self) -> Cost {
         let (instances, lights) = (self.instances as f64, self.lights as f64);
         let of_an_instance = if self.changes { 1e-3 } else { 1e-5 };
@@ -78,7 +78,7 @@ impl Content {
         }
     }
 
-    /// Problems of a scene that takes too much, and how much of its budget it takes.
+    /// Problems of a scene that exceeds its budget, and its fraction of the budget.
     fn check(&self, cost: &Cost) -> (Vec<Problem>, Tally) {
         let usual = self.usual();
         let mut problems = Vec::new();
@@ -117,7 +117,7 @@ pub struct Meter {
 }
 
 impl Meter {
-    /// Begins to measure a scene with these events. The time that it took to load is none of it.
+    /// Begins to measure a scene with these events, without its loading time.
     pub fn new(harness: &Harness, events: &[EventKind]) -> Self {
         _ = harness.take_time();
         Self {
@@ -131,7 +131,7 @@ impl Meter {
         }
     }
 
-    /// Takes in the last frame.
+    /// Adds the last frame.
     pub fn frame(&mut self, harness: &mut Harness) {
         let time = harness.take_time();
         let Some(status) = harness.status() else { return };
@@ -202,7 +202,7 @@ mod tests {
             assert_eq!(kinds, [kind], "{cost:?}");
             assert!(tally.time.max(tally.bytes) > 1000);
         }
-        // A hundred thousand static objects cost next to nothing, but they take memory.
+        // A hundred thousand static objects cost almost no time, but they take memory.
         let crowd = Content {
             instances: 100_000,
             ..small

@@ -27,7 +27,7 @@ struct State {
     failures: BTreeMap<String, Failure>,
 }
 
-/// A campaign of so many scenes.
+/// A campaign of `count` scenes.
 #[derive(Clone, Debug)]
 pub struct Campaign {
     folder: PathBuf,
@@ -36,7 +36,7 @@ pub struct Campaign {
 }
 
 impl Campaign {
-    /// Goes on with the campaign of a folder, or begins one there.
+    /// Continues the campaign of a folder, or begins one there.
     ///
     /// # Errors
     ///
@@ -61,14 +61,14 @@ impl Campaign {
         self.state.tried.get(&word(&tracer)).map_or(first, |tried| tried.end)
     }
 
-    /// Scenes that are left to be tried.
+    /// Scenes that remain to be tried.
     #[must_use]
     pub fn left(&self) -> u64 {
         let tried: u64 = self.state.tried.values().map(|seeds| seeds.end - seeds.start).sum();
         self.count.saturating_sub(tried)
     }
 
-    /// Recipes that failed, and should be tried once more.
+    /// Recipes that failed, and should be repeated.
     #[must_use]
     pub fn recipes(&self) -> Vec<Options> {
         self.state

@@ -13,19 +13,19 @@ use std::time::Instant;
 pub const MOST_GAIN: f64 = 0.02;
 /// Largest relative loss: fireflies are suppressed.
 pub const MOST_LOSS: f64 = 0.06;
-/// The same of the paper's recipe: where few frames see a small lamp, its light is clipped away. It is kept as it is.
+/// Largest loss of the paper's recipe, which is kept unchanged: it clips the light of a small lamp that few frames see.
 const MOST_LOSS_OF_THE_PAPER: f64 = 0.45;
-/// Standard errors from the middle of an interval to its ends.
+/// Number of standard errors from the middle of an interval to its ends.
 pub const SIGMAS: f64 = 3.0;
 /// A pixel is a firefly above this multiple of the brightest nearby pixel of the ground truth, plus [`FIREFLY_FLOOR`].
 pub const FIREFLY_FACTOR: f32 = 8.0;
-/// Exposed radiance below which no pixel is a firefly.
+/// Minimum exposed radiance of a firefly.
 pub const FIREFLY_FLOOR: f32 = 0.5;
 /// Reach of nearby pixels: blocks of 4x4 quads gather their light from there.
 const NEARBY: i32 = 6;
-/// Parts of the ground truth from which its noise is estimated.
+/// Parts of the ground truth, for an estimate of its noise.
 const GROUND_TRUTH_PARTS: u32 = 8;
-/// Frames without history from which the noise of one frame is estimated.
+/// Frames without history, for an estimate of the noise of one frame.
 pub const SINGLE_FRAMES: u32 = 12;
 
 /// Numbers of frames.
@@ -37,7 +37,7 @@ pub struct Lengths {
     pub settle: u32,
     /// Frames of a round of averaging.
     pub average: u32,
-    /// Rounds at most, while noise leaves the comparison undecided.
+    /// Maximum number of rounds while noise leaves the comparison undecided.
     pub rounds: u32,
 }
 

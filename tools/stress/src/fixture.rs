@@ -5,11 +5,11 @@ use bevy::prelude::*;
 use bevy_glint::{RayTracedReflections, ReflectionTechnique, internals::Target};
 use glint_scenes::SceneName;
 
-/// Most frames to wait for assets, pipelines and meshes.
+/// Maximum number of frames to wait for assets, pipelines and meshes.
 const PATIENCE: u32 = 2000;
-/// The same after a change of settings.
+/// Like `PATIENCE`, after a change of settings.
 const SHORT_PATIENCE: u32 = 200;
-/// Mean difference between two images from which on they count as different.
+/// Minimum mean difference between two different images.
 const DIFFERENT: f64 = 0.002;
 
 /// The app's scene.
@@ -44,7 +44,7 @@ impl Fixture {
     ///
     /// # Errors
     ///
-    /// If it isn't, or doesn't.
+    /// If it isn't finite, or doesn't follow them.
     pub fn check_image(&self, harness: &mut Harness) -> Result<(), String> {
         let seen = harness.image(self.camera)?;
         harness.world().entity_mut(self.probe).insert(Visibility::Hidden);
@@ -67,7 +67,7 @@ impl Fixture {
         Ok(())
     }
 
-    /// The mirror shows something that it doesn't show without reflections.
+    /// Returns whether the mirror shows something that it doesn't show without reflections.
     ///
     /// # Errors
     ///

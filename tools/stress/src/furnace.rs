@@ -14,7 +14,7 @@ use std::time::Instant;
 
 /// Largest error of a white surface in a white furnace.
 pub const MOST_ERROR: f64 = 0.02;
-/// The accumulating technique. It has no history to switch off, and next to no noise after so many frames.
+/// The accumulating technique. It has no history to switch off, and almost no noise after this many frames.
 const GROUND_TRUTH: &str = "converged";
 
 /// The middle of a ball in the image.
@@ -120,7 +120,7 @@ impl Furnace<'_> {
         Ok(())
     }
 
-    /// Mean and margin of each ball, over as many rounds as noise demands.
+    /// Mean and margin of each ball, over as many rounds as its noise requires.
     fn average(&self, harness: &mut Harness, noise: &[f64]) -> Result<Vec<(f64, f64)>, String> {
         let mut sums = vec![0.0; self.balls.len()];
         let mut round = 0;
@@ -142,7 +142,7 @@ impl Furnace<'_> {
         }
     }
 
-    /// Standard deviation of each ball's mean from frame to frame, where frames are independent.
+    /// Standard deviation of each ball's mean from frame to frame, with independent frames.
     fn noise(&self, harness: &mut Harness, name: &str) -> Result<Vec<f64>, String> {
         self.view
             .switch_to_single_frames(harness, name, ReflectionDebugView::Reconstructed)?;

@@ -13,19 +13,19 @@ use crate::{
 };
 use std::time::{Duration, Instant};
 
-/// Most frames to wait for assets, pipelines and meshes.
+/// Maximum number of frames to wait for assets, pipelines and meshes.
 const PATIENCE: u32 = 600;
-/// Most frames to wait for files.
+/// Maximum number of frames to wait for files.
 const FILE_PATIENCE: u32 = 300;
 /// Scenes on one device before a new one is opened.
 const SCENES_PER_HARNESS: u32 = 60;
-/// Images up to this many pixels are checked in every frame, larger ones after the last frame.
+/// Images up to this many pixels are also checked between frames, larger ones only after the last frame.
 const SMALL: u32 = 8192;
 
-/// The first frames are all checked, and later every so many.
+/// Number of first frames that are all checked, and interval of the checked frames after them.
 const EARLY: u32 = 12;
 
-/// Renders scenarios one after the other, on one device as long as nothing fails.
+/// Renders scenarios one after the other, on one device until one fails.
 pub struct Fuzzer {
     settings: HarnessSettings,
     harness: Option<Harness>,
@@ -89,7 +89,7 @@ impl Fuzzer {
         Verdict::Failed(problems)
     }
 
-    /// The same kinds of problems occur without the plugin.
+    /// Returns whether the same kinds of problems occur without the plugin.
     fn is_upstream(&mut self, scenario: &Scenario, problems: &[Problem]) -> bool {
         let is_possible = |kind: ProblemKind| matches!(kind, ProblemKind::Panic | ProblemKind::Device);
         if !problems.iter().any(|problem| is_possible(problem.kind)) {
@@ -122,12 +122,13 @@ impl Fuzzer {
         (best, known)
     }
 
-    /// The problems of a scenario; none without a device.
+    /// The problems of a scenario; empty without a device.
     fn problems(&mut self, scenario: &Scenario) -> Vec<Problem> {
         self.attempt(scenario).unwrap_or_default()
     }
 
-    /// Renders a scenario on the current harness, or on a new one. A failure closes the harness. The error says why there is no device.
+    /// Renders a scenario on the current harness, or on a new one. A failure closes the harness. The error is the reason why there is
+    /// no device.
     fn attempt(&mut self, scenario: &Scenario) -> Result<Vec<Problem>, String> {
         if self.scenes_on_harness >= SCENES_PER_HARNESS {
             self.close();
@@ -154,7 +155,7 @@ impl Fuzzer {
         Ok(problems)
     }
 
-    /// Gives the device back.
+    /// Closes the device.
     pub fn close(&mut self) {
         drop_quietly(self.harness.take());
         self.scenes_on_harness = 0;
@@ -165,7 +166,7 @@ fn has_kind(problems: &[Problem], kind: ProblemKind) -> bool {
     problems.iter().any(|problem| problem.kind == kind)
 }
 
-/// Returns whether other programs can be the cause: they take time, but neither memory nor pixels.
+/// Returns whether other programs can be the cause: they can change times, but neither memory nor pixels.
 fn may_be_chance(problems: &[Problem]) -> bool {
     problems.iter().all(|problem| problem.kind == ProblemKind::Time)
 }
@@ -177,7 +178,7 @@ fn texts(problems: Vec<Problem>) -> Vec<String> {
         .collect()
 }
 
-/// Builds the scene, renders its frames, and checks invariants, in some scenes those of rays.
+/// Builds the scene, renders its frames, and checks invariants, including the ones of rays in some scenes.
 fn render(harness: &mut Harness, scenario: &Scenario, compares_rays: bool) -> Vec<Problem> {
     harness.reset_clocks();
     let mut scene = scenario.build(harness);
@@ -213,7 +214,7 @@ fn render(harness: &mut Harness, scenario: &Scenario, compares_rays: bool) -> Ve
     problems.extend(invariants::leftovers(harness));
     let errors = harness.take_errors();
     problems.extend(errors.into_iter().map(|error| Problem::new(ProblemKind::Device, error)));
-    // Panics of loaders and of builds in the background stop nothing else.
+    // Panics of loaders and of background builds don't stop the app.
     let panics = log_capture::take_panics().into_iter();
     let own = panics.filter(|panic| log_capture::is_own(panic));
     problems.extend(own.map(|panic| Problem::new(ProblemKind::Panic, panic)));

@@ -205,7 +205,7 @@ mod tests {
         let mut errors = Vec::new();
         root.validate(&root, Path::new, &mut |path, error| errors.push((path(), error)));
         assert!(errors.is_empty(), "{errors:?}");
-        // Nothing was dropped on the way through the types.
+        // The types have dropped nothing.
         let lights = parts.json.matches("KHR_lights_punctual").count();
         assert_eq!((lights, root.nodes.len(), root.accessors.len()), (3, 4, 4));
         assert_eq!(parts.binary.len(), 217);

@@ -42,7 +42,7 @@ pub struct HarnessSettings {
     pub device: WgpuSettings,
     /// Leaves the plugin out. Failures without it are Bevy's own.
     pub without_reflections: bool,
-    /// Measures passes, which the counters of non-finite values need, and the plugin's systems.
+    /// Measures the plugin's systems and passes. The counters of non-finite values need the latter.
     pub diagnostics: bool,
     /// Opens the hardware back end, if it was built in.
     pub hardware: bool,
@@ -123,7 +123,7 @@ impl Harness {
     pub fn open(settings: &HarnessSettings) -> Result<Self, String> {
         log_capture::install();
         let headless = HeadlessSettings {
-            // Each camera has a target of its own.
+            // Each camera has its own target.
             size: UVec2::ONE,
             output: Output::Linear,
             timestep: FRAME_TIME,
@@ -272,7 +272,7 @@ impl Harness {
         ReflectionNonFiniteReport::read(self.resource::<DiagnosticsStore>()?)
     }
 
-    /// Resets clocks and counters to those of a new app.
+    /// Resets clocks and counters to the values of a new app.
     pub fn reset_clocks(&mut self) {
         let world = self.world();
         world.insert_resource(TimeUpdateStrategy::ManualDuration(FRAME_TIME));
@@ -314,7 +314,7 @@ fn add_plugins(app: &mut App, settings: &HarnessSettings, clock: &SystemClock) {
 
 /// Cameras and their images.
 impl Harness {
-    /// Spawns a camera with a target of its own: half floats, without a tone curve. `extra` can override all of that.
+    /// Spawns a camera with its own target: half floats, without a tone curve. `extra` can override all of that.
     pub fn spawn_camera(&mut self, size: UVec2, extra: impl Bundle) -> Entity {
         let target = self.app.add_target(size, Output::Linear);
         let camera = self.app.spawn_camera((target, Tonemapping::None));

@@ -1,4 +1,4 @@
-//! Signs of life of a worker process. They are sent as long as frames are rendered, so that a long computation is not mistaken for a
+//! Signs of life of a worker process. They are sent as long as frames are rendered, so that a long computation isn't mistaken for a
 //! hang, nor a hang for a long computation.
 
 use std::{
@@ -26,7 +26,7 @@ pub fn set_activity(text: impl Into<String>) {
     *ACTIVITY.lock().unwrap_or_else(PoisonError::into_inner) = text.into();
 }
 
-/// Calls `send` with the current activity every few seconds in which there was progress, until the process ends.
+/// Calls `send` with the current activity every few seconds if there was progress, until the process ends.
 pub fn start(send: impl Fn(String) + Send + 'static) {
     thread::spawn(move || {
         let mut last = 0;

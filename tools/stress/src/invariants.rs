@@ -15,7 +15,7 @@ use half::f16;
 
 /// Range of radiance.
 const RADIANCE: RangeInclusive<f32> = 0.0..=60_000.0;
-/// Range of the distance to a hit, which is negative where the object moves.
+/// Range of the distance to a hit, which is negative for moving objects.
 const DISTANCE: RangeInclusive<f32> = -60_000.0..=60_000.0;
 /// Range of the relative variance.
 const VARIANCE: RangeInclusive<f32> = 0.0..=16.0;
@@ -31,7 +31,7 @@ const RANGES: [(Target, &[RangeInclusive<f32>]); 5] = [
     (Target::ReconstructedStats, &[DISTANCE, RAYS]),
     (Target::HistoryStats, &[DISTANCE, VARIANCE]),
 ];
-/// Largest mean of an image in which nothing adds to a white sky of radiance 1.
+/// Largest mean of an image without additions to a white sky of radiance 1.
 const WHITE: f64 = 1.05;
 /// The mean of fewer pixels is arbitrary.
 const FEW_PIXELS: usize = 512;
@@ -47,7 +47,7 @@ pub enum ProblemKind {
     Device,
     /// An image has pixels that are not finite.
     Image,
-    /// A target of the reflections holds values out of range.
+    /// A target of the reflections contains values out of range.
     Target,
     /// An image is too bright.
     Energy,
@@ -149,7 +149,7 @@ pub fn all_targets(harness: &mut Harness, scene: &HostileScene) -> Vec<Problem> 
     problems
 }
 
-/// A camera, the size of its picture, and the pixels that are not finite.
+/// A camera, the size of its image, and the pixels that are not finite.
 type WrongPixels = (Entity, UVec2, Vec<usize>);
 
 /// Checks the images of all cameras. Pixels that are not finite even without reflections don't count.
@@ -191,7 +191,7 @@ pub fn images(harness: &mut Harness, scene: &HostileScene, scenario: &Scenario) 
     let moves = scene.events.iter().any(|event| !EventKind::is_static(*event));
     let mut plains = plain_pixels(harness, &wrong);
     if moves {
-        // Some events come in every other frame, and a camera is elsewhere meanwhile.
+        // Some events happen in every other frame, and the camera is elsewhere meanwhile.
         harness.step(1);
         for (plain, next) in plains.iter_mut().zip(plain_pixels(harness, &wrong)) {
             if let (Some(plain), Some(next)) = (plain, next) {
@@ -225,7 +225,7 @@ pub fn images(harness: &mut Harness, scene: &HostileScene, scenario: &Scenario) 
     problems
 }
 
-/// Cameras that clear nothing still show earlier frames. Makes these clear their targets, and returns the pixels that are not finite even
+/// Cameras without clearing still show earlier frames. Makes them clear their targets, and returns the pixels that are not finite even
 /// then.
 fn wrong_after_clearing(harness: &mut Harness, cameras: &[WrongPixels]) -> Vec<WrongPixels> {
     for (camera, ..) in cameras {
@@ -233,7 +233,7 @@ fn wrong_after_clearing(harness: &mut Harness, cameras: &[WrongPixels]) -> Vec<W
             camera.clear_color = ClearColorConfig::Custom(Color::BLACK);
         }
     }
-    // Both textures that post-processing goes back and forth between.
+    // Both textures that post-processing alternates between.
     harness.step(3);
     let pixels = plain_pixels(harness, cameras);
     let found = cameras.iter().zip(pixels);
@@ -242,13 +242,13 @@ fn wrong_after_clearing(harness: &mut Harness, cameras: &[WrongPixels]) -> Vec<W
         .collect()
 }
 
-/// Pixels that are not finite now, for each of these cameras; `None` where a camera can't be read.
+/// Pixels that are not finite now, for each of these cameras; `None` if a camera can't be read.
 fn plain_pixels<T, U>(harness: &Harness, cameras: &[(Entity, T, U)]) -> Vec<Option<Vec<usize>>> {
     let image = |(camera, ..): &(Entity, T, U)| harness.image(*camera).ok().map(|image| image.non_finite());
     cameras.iter().map(image).collect()
 }
 
-/// Nothing in the scene is brighter than the white sky.
+/// Returns whether no object of the scene is brighter than the white sky.
 fn is_brightness_known(scene: &HostileScene, scenario: &Scenario) -> bool {
     let is_lit = scenario.generators.iter().any(|(_, generator)| generator.adds_light());
     let is_shown = scene.camera.view == ReflectionDebugView::Off && scene.camera.split.is_none();
@@ -256,7 +256,7 @@ fn is_brightness_known(scene: &HostileScene, scenario: &Scenario) -> bool {
     !is_lit && is_shown && !scene.events.iter().any(|event| changes.contains(event))
 }
 
-/// Checks that nothing is left of a scene that was despawned.
+/// Checks that a despawned scene is gone completely.
 #[must_use]
 pub fn leftovers(harness: &Harness) -> Vec<Problem> {
     let Some(status) = harness.status() else {

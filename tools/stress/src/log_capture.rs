@@ -1,4 +1,4 @@
-//! Captures warnings, errors and panics of the whole process: those of Bevy, wgpu and the library.
+//! Captures warnings, errors and panics of the whole process, from Bevy, wgpu and the library.
 
 use bevy::log::Level;
 use glint_scenes::{capture_log, take_log};
@@ -8,7 +8,7 @@ use std::{
     sync::{Mutex, MutexGuard, Once, PoisonError},
 };
 
-/// Most messages of each kind that are kept, or a long run would fill the memory.
+/// Maximum number of kept messages of each kind: a long run would fill the memory.
 const MOST: usize = 4096;
 
 /// Errors that are failures. A scene can cause other errors of Bevy, such as a missing file, on purpose.
@@ -99,7 +99,7 @@ pub fn was_logged(text: &str) -> bool {
 ///
 /// # Errors
 ///
-/// The message of the panic, with those of other threads since the last call of [`take_panics`].
+/// Returns the message of the panic, with panics of other threads since the last call of [`take_panics`].
 pub fn catch_panic<T>(body: impl FnOnce() -> T) -> Result<T, String> {
     panic::catch_unwind(AssertUnwindSafe(body)).map_err(|payload| {
         let panics = take_panics();
@@ -112,7 +112,7 @@ pub fn catch_panic<T>(body: impl FnOnce() -> T) -> Result<T, String> {
     })
 }
 
-/// Drops something. A broken app can panic once more.
+/// Drops a value. A broken app can panic again.
 pub fn drop_quietly<T>(value: T) {
     _ = panic::catch_unwind(AssertUnwindSafe(|| drop(value)));
 }

@@ -1,4 +1,4 @@
-//! Ten thousand frames of a moving camera: brightness must not drift, histories must keep to their range, memory must not grow.
+//! Ten thousand frames of a moving camera: brightness must not drift, histories must stay in their range, memory must not grow.
 
 use crate::{
     harness::Harness,
@@ -29,7 +29,7 @@ const SLACK_BYTES: u64 = 48 << 20;
 const DEVICE_SLACK_BYTES: u64 = 1 << 20;
 /// Frames between two checks of the targets.
 const CHECK_INTERVAL: u32 = LAP / 4;
-/// Most frames to wait for assets, pipelines and meshes.
+/// Maximum number of frames to wait for assets, pipelines and meshes.
 const PATIENCE: u32 = 5000;
 
 /// Memory in bytes.
@@ -57,7 +57,7 @@ pub struct Outcome {
 }
 
 impl Outcome {
-    /// Change from the earlier to the later laps, without those that fill the history; `None` if there are too few.
+    /// Change from the earlier to the later laps, without the laps that fill the history; `None` if there are too few.
     #[must_use]
     pub fn drift(&self) -> Option<Drift> {
         Drift::of(self.laps.get(WARM_LAPS..).unwrap_or_default())
@@ -125,7 +125,7 @@ impl Outcome {
     }
 }
 
-/// Renders frames until the deadline. Frame numbers overflow halfway, so that consequences show as a drift.
+/// Renders frames until the deadline. Frame numbers overflow halfway, so that an effect shows as a drift.
 ///
 /// # Errors
 ///

@@ -30,7 +30,7 @@ pub struct Options {
     /// Number of scenes, or of files for the viewer.
     #[arg(long, value_name = "N")]
     pub count: Option<u64>,
-    /// Render so many scenes in as many sittings as it takes, and keep what was found in the corpus.
+    /// Render this number of scenes in as many sittings as it takes, and record findings in the corpus.
     #[arg(long, value_name = "N", conflicts_with_all = ["count", "keep", "only"])]
     pub campaign: Option<u64>,
     /// Folder of the campaign.
@@ -65,7 +65,7 @@ impl Options {
         }
     }
 
-    /// The size of images, or another one where none was asked for.
+    /// The size of images, or a default if none was requested.
     #[must_use]
     pub fn size_or(&self, default: UVec2) -> UVec2 {
         self.size
@@ -88,10 +88,10 @@ impl fmt::Display for Options {
     }
 }
 
-/// Tracers that can be asked for.
+/// Tracers that can be requested.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum, Serialize, Deserialize)]
 pub enum Tracer {
-    /// Both where the device has ray queries.
+    /// Both if the device has ray queries.
     #[default]
     Auto,
     /// The ray queries of the device.

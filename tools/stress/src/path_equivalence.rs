@@ -1,4 +1,4 @@
-//! The plain path and the variable one must trace the same rays where every trace pixel gets its ray.
+//! The plain path and the variable one must trace the same rays if every trace pixel gets its ray.
 
 use crate::{
     generators::{EventKind, HostileScene},
@@ -19,7 +19,7 @@ const MOST_STEPS: u32 = 4;
 const OUTLIERS: usize = 50;
 /// Bit of a record's second word.
 const RECORD_VALID: u32 = 0x40 << 16;
-/// Largest views that are compared. Larger ones take long and add nothing.
+/// Size limit of the compared views. Larger ones take long and add nothing.
 const MOST_PIXELS: u32 = 1 << 16;
 
 /// Renders the scene with both paths at once and compares their rays. Scenes with moving parts are not compared.
@@ -77,7 +77,7 @@ fn copy_both(harness: &Harness, cameras: [Entity; 2], target: Target) -> Option<
 
 /// Restarts cameras in the same frame, so that they draw the same samples, and renders this many frames.
 pub fn restart(harness: &mut Harness, cameras: &[Entity], frames: u32) {
-    // Without a reflecting camera the scene would leave the GPU, and come back when its builds are done.
+    // Without a reflecting camera the scene would leave the GPU, and return only after its builds.
     let keeper = harness.world().spawn((
         Camera3d::default(),
         RenderTarget::None { size: UVec2::ONE },
@@ -95,7 +95,7 @@ pub fn restart(harness: &mut Harness, cameras: &[Entity], frames: u32) {
     harness.world().despawn(keeper);
 }
 
-/// Describes by how much two copies of a target differ, if that is more than tolerated. `exact` tolerates nothing.
+/// Describes the difference of two copies of a target, if it is more than tolerated. `exact` tolerates nothing.
 #[must_use]
 pub fn describe_difference(
     pair: &[Copied; 2],

@@ -124,7 +124,7 @@ fn watch(mut child: Child, job: &Job, limits: Limits, results: &mut Results, say
         (None, Err(error)) => format!("its process is lost: {error}"),
         (Some(hang), _) => hang,
     };
-    // It can have ended in the meantime; then there is nothing to kill.
+    // If it has ended in the meantime, there is nothing to kill.
     _ = child.kill();
     _ = child.wait();
     let MessageReceiver {

@@ -33,7 +33,7 @@ impl Job {
 /// A message of a worker process.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Message {
-    /// Something begins. If the process ends before the next message of this kind, this is at fault.
+    /// A step begins. If the process ends before the next message of this kind, this step is at fault.
     Started {
         /// Its description.
         what: String,
@@ -44,9 +44,9 @@ pub enum Message {
     Tried(Tally),
     /// Something failed.
     Failed(Failure),
-    /// Something worth knowing.
+    /// A remark.
     Note(String),
-    /// A question that stayed undecided: neither passed nor failed.
+    /// An undecided question: neither passed nor failed.
     Undecided(String),
     /// The progress of the process so far.
     Progress(Progress),
@@ -64,7 +64,7 @@ pub enum Message {
 pub struct Progress {
     /// Units that are done.
     pub done: u64,
-    /// Units in all; 0 where there is no end to reach.
+    /// Total number of units; 0 if there is no end.
     pub total: u64,
     /// Name of the unit, in the plural.
     pub unit: String,

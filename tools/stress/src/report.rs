@@ -59,12 +59,12 @@ impl Reporter {
         }
     }
 
-    /// Reports something worth knowing.
+    /// Reports a remark.
     pub fn note(&self, text: String) {
         send(&Message::Note(text));
     }
 
-    /// Reports something worth knowing about the current case.
+    /// Reports a remark about the current case.
     pub fn remark(&self, text: &str) {
         self.note(format!("{}: {text}", self.what));
     }

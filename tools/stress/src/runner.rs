@@ -18,7 +18,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-/// Most seconds of scenes in one process.
+/// Maximum seconds of scenes in one process.
 const BATCH_SECONDS: u64 = 240;
 /// The limit in a campaign, with processes that stay warm for longer.
 const CAMPAIGN_SECONDS: u64 = 1200;
@@ -26,17 +26,17 @@ const CAMPAIGN_SECONDS: u64 = 1200;
 const LEAST_BATCH_SECONDS: u64 = 75;
 /// With less time left no further process is started.
 const LEAST_SECONDS: u64 = 10;
-/// A process that is silent for a quarter of the whole time hangs, within these limits.
+/// A process without output for a quarter of the whole time hangs, within these limits.
 const SILENCE: [Duration; 2] = [Duration::from_secs(120), Duration::from_secs(300)];
 /// Time for a process to finish its current case, and to simplify a failing scene.
 const GRACE: Duration = Duration::from_secs(180);
-/// The limit in a campaign, which can leave most of the machine to others.
+/// The limit in a campaign, which can run on a busy machine.
 const CAMPAIGN_GRACE: Duration = Duration::from_secs(900);
 /// Processes in a row that start no case before their section is given up.
 const MOST_IDLE: u32 = 3;
-/// Crashes of scenes that are examined by repeating them.
+/// Number of crashing scenes that are examined by repeating them.
 const MOST_EXAMINED: u32 = 4;
-/// Seconds for one scene or fault that is repeated.
+/// Seconds for one repeated scene or fault.
 const EXAMINE_SECONDS: u64 = 120;
 /// Runs of a crashing fault without reflections: Bevy does not crash every time.
 const FAULT_CONTROLS: u32 = 3;
@@ -116,7 +116,7 @@ fn is_limited(options: &Options) -> bool {
 fn tracers(section: Section, asked: Tracer) -> Vec<Tracer> {
     match (asked, section) {
         (Tracer::Auto, Section::Scenes) => vec![Tracer::Bvh, Tracer::RayQuery],
-        // Some faults are those of ray queries.
+        // Some faults only occur with ray queries.
         (Tracer::Auto, Section::Faults) => vec![Tracer::Auto],
         // The faster one on CPUs, where these sections take long.
         (Tracer::Auto, _) => vec![Tracer::Bvh],
@@ -124,7 +124,7 @@ fn tracers(section: Section, asked: Tracer) -> Vec<Tracer> {
     }
 }
 
-/// Number of processes for this many seconds of scenes: as many with runtime checks as without, where there is time for both.
+/// Number of processes for this many seconds of scenes: as many with runtime checks as without, if there is time for both.
 fn batches(seconds: u64, tracers: u64) -> u64 {
     let round = 2 * tracers;
     if seconds < round * LEAST_BATCH_SECONDS {
@@ -176,7 +176,7 @@ impl Runner<'_> {
         job
     }
 
-    /// Runs each fault in a process of its own: some warnings are logged only once in a process.
+    /// Runs each fault in its own process: some warnings are logged only once in a process.
     fn faults(&mut self, deadline: Instant) -> Progress {
         let faults = Fault::value_variants();
         let mut progress = Progress::new(0, faults.len() as u64, "faults");
@@ -266,7 +266,7 @@ impl Runner<'_> {
         progress.or_else(|| (unavailable == 0).then(Progress::skipped))
     }
 
-    /// Tries the recipes of the campaign again that failed, and forgets those that pass.
+    /// Repeats the campaign's failed recipes, and removes the ones that pass.
     fn repeat_recipes(&mut self, selection: Selection) {
         for recipe in self.campaign.as_ref().map(Campaign::recipes).unwrap_or_default() {
             let known = self.results.failures.len();
@@ -281,7 +281,7 @@ impl Runner<'_> {
         }
     }
 
-    /// Writes down which scenes of the campaign were tried, and the failures from the known ones on.
+    /// Records which scenes of the campaign were tried, and the failures after the `known` ones.
     fn note(&mut self, tracer: Tracer, seeds: Range<u64>, known: usize) {
         if let Some(campaign) = &mut self.campaign {
             let failures = self.results.failures.get(known..).unwrap_or_default();

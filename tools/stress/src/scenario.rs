@@ -19,11 +19,11 @@ const SIZES: [UVec2; 8] = [
     UVec2::new(97, 61),
     UVec2::new(130, 9),
 ];
-/// Most generators of a random scenario.
+/// Maximum number of generators of a random scenario.
 const MOST: usize = 9;
 /// Probability of a heavy generator in a random scenario.
 const HEAVY: f32 = 0.02;
-/// Probability that a random scenario is long: then objects are merged, and views come to rest.
+/// Probability that a random scenario is long, so that objects are merged and views become static.
 const LONG: f32 = 0.05;
 /// Frames of a long one.
 const LONG_FRAMES: u32 = 300;
@@ -37,7 +37,7 @@ pub struct Scenario {
     pub size: UVec2,
     /// Frames to render once everything is loaded.
     pub frames: u32,
-    /// Generators, each with its position in the original scenario, from which its random numbers follow.
+    /// Generators, each with its position in the original scenario, which determines its random numbers.
     pub generators: Vec<(usize, Generator)>,
 }
 
@@ -70,7 +70,7 @@ impl Scenario {
         Self::new(seed, size, frames, generators)
     }
 
-    /// Scenarios that together hold every generator that isn't heavy, distributed evenly.
+    /// Scenarios that together contain every generator that isn't heavy, distributed evenly.
     #[must_use]
     pub fn cover(seed: u64, size: UVec2, frames: u32) -> Vec<Self> {
         // A scene takes only one of each of these kinds at a time.

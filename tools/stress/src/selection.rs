@@ -25,7 +25,7 @@ pub enum Section {
 }
 
 impl Section {
-    /// Share of the time, in percent. Time that a section leaves over goes to those after it.
+    /// Fraction of the time, in percent. The sections after it share its unused time.
     #[must_use]
     pub fn weight(self) -> u32 {
         match self {

@@ -10,11 +10,11 @@ use bevy_glint::ReflectionDebugView;
 use glint_scenes::SceneName;
 use std::time::Instant;
 
-/// Largest flicker of coarse rates in multiples of that at full resolution, as the geometric mean over the scenes.
+/// Largest flicker of coarse rates in multiples of the flicker at full resolution, as the geometric mean over the scenes.
 pub const MOST_RATIO: f64 = 1.2;
 /// Largest flicker of any technique in any scene. More would boil.
 pub const MOST_FLICKER: f64 = 0.25;
-/// The paper's own recipe neither suppresses fireflies nor detects static views, and is kept as it is.
+/// The paper's own recipe neither suppresses fireflies nor detects static views, and is kept unchanged.
 const MOST_FLICKER_OF_THE_PAPER: f64 = 0.4;
 /// Flicker that is invisible: half a step of eight bits.
 const INVISIBLE: f64 = 0.002;
@@ -32,7 +32,7 @@ pub const SCENES: [StaticScene; 3] = [
     StaticScene::BuiltIn(SceneName::Furnace),
 ];
 
-/// Numbers of frames. In coarse blocks a frame counts as a quarter, so that a history takes 128 frames to fill.
+/// Numbers of frames. In coarse blocks a frame counts as a quarter, so a history takes 128 frames to fill.
 pub const LENGTHS: Lengths = Lengths {
     ground_truth: 0,
     settle: 160,
@@ -57,7 +57,7 @@ impl Flicker {
         found.next().map(|(_, flicker)| *flicker)
     }
 
-    /// Flicker of a technique in multiples of that at full resolution. Invisible flicker counts as the least visible one.
+    /// Flicker of a technique in multiples of the flicker at full resolution. Invisible flicker counts as the lowest visible one.
     fn ratio(&self, technique: &str) -> Option<f64> {
         let (own, full) = (self.of(technique)?, self.of(FULL)?);
         Some(own.max(INVISIBLE) / full.max(INVISIBLE))

@@ -1,4 +1,4 @@
-//! Known scenes in which nothing moves, and averages of their frames: shared by the measurements of energy and of flicker.
+//! Known static scenes, and averages of their frames, for the measurements of energy and of flicker.
 
 use crate::{
     harness::Harness,
@@ -10,10 +10,10 @@ use bevy_glint::{
 };
 use glint_scenes::{Random, SceneName, environment};
 
-/// Most frames to wait for assets, pipelines and meshes.
+/// Maximum number of frames to wait for assets, pipelines and meshes.
 const PATIENCE: u32 = 5000;
 
-/// Techniques to measure: those that share one denoiser, the finest first, then presets. The preset `medium` is `vrs-combined`.
+/// Techniques to measure: the ones that share one denoiser, finest first, then presets. The preset `medium` is `vrs-combined`.
 pub const TECHNIQUES: [&str; 11] = [
     "reference",
     "vrs-combined",
@@ -28,7 +28,7 @@ pub const TECHNIQUES: [&str; 11] = [
     "ultra",
 ];
 
-/// A scene in which nothing moves.
+/// A static scene.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum StaticScene {
     /// One of the built-in scenes.
@@ -48,7 +48,7 @@ impl StaticScene {
     }
 }
 
-/// A scene with a camera that shows the reflection alone.
+/// A scene with a camera that shows only the reflection.
 pub struct StaticSceneView {
     root: Entity,
     /// The camera.
@@ -56,7 +56,7 @@ pub struct StaticSceneView {
 }
 
 impl StaticSceneView {
-    /// Spawns a scene for as long as `body` takes.
+    /// Spawns a scene for the duration of `body`.
     pub fn with<T>(
         harness: &mut Harness,
         scene: StaticScene,
@@ -94,7 +94,7 @@ impl StaticSceneView {
         Ok(self.show(harness, without_cut_off(name)?, view))
     }
 
-    /// The same without history: frames then differ by all the noise of their rays, independently of each other.
+    /// Like [`switch`](Self::switch), without history: frames then differ by all the noise of their rays, independently of each other.
     ///
     /// # Errors
     ///
@@ -211,7 +211,7 @@ impl Average {
         self.frame_means.iter().sum::<f64>() / self.frames()
     }
 
-    /// Pixels that show a reflection: at least this fraction of the mean of all.
+    /// Flags of the pixels that show a reflection: at least this fraction of the mean of all.
     #[must_use]
     pub fn lit(&self, fraction: f64) -> Vec<bool> {
         let least = (fraction * self.mean()).max(1e-6);
@@ -331,7 +331,7 @@ mod tests {
         let means: Vec<_> = average.means().collect();
         assert!(near(means[0], 2.0) && near(means[1], 3.0), "{means:?}");
         assert!(near(average.mean(), 2.5));
-        // The first pixel deviates by 1 from 2, the second not at all.
+        // The first pixel deviates by 1 from 2, and the second doesn't deviate.
         assert!(near(average.flicker(&[true, true], 0.0), 0.25));
         assert!(near(average.flicker(&[true, false], 0.0), 0.5));
         // Relative to twice the mean of all.

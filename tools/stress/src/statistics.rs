@@ -7,7 +7,7 @@ pub enum LimitCheck {
     Within,
     /// Even the lower end of the interval is beyond the limit.
     Exceeded,
-    /// The interval is too wide to tell.
+    /// The interval is too wide for a decision.
     Undecided,
 }
 
@@ -72,7 +72,7 @@ pub fn student(degrees: usize) -> f64 {
 pub struct Drift {
     /// Second half minus first half; positive if the series grows.
     pub change: f64,
-    /// Half the width of the interval that holds the true change with 95 % probability, from the variance within each half.
+    /// Half the width of the interval that contains the true change with 95 % probability, from the variance within each half.
     pub margin: f64,
     /// Values in each half.
     pub values: usize,

@@ -3,7 +3,7 @@
 use crate::{process::Results, protocol::Progress};
 use core::{fmt, time::Duration};
 
-/// Answers of the tracer that can't be judged, at most one in so many: more than that leave too little to compare.
+/// At most one of this number of the tracer's answers can be impossible to judge. With more of them too little is compared.
 pub const EXCUSED_SHARE: u64 = 4;
 /// Fewer answers don't determine their share: a single scene can be full of glass.
 const LEAST_RAYS: u64 = 100_000;
@@ -45,7 +45,7 @@ pub struct Summary {
 }
 
 impl Summary {
-    /// Something was tried, and nothing failed.
+    /// Returns whether something was tried, and nothing failed.
     #[must_use]
     pub fn is_good(&self) -> bool {
         let tally = &self.results.tally;

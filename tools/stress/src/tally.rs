@@ -20,9 +20,9 @@ pub struct Tally {
     pub unanswered: u64,
     /// Answers that differ by rounding.
     pub borders: u64,
-    /// Thousandths of its time that a scene has taken at most.
+    /// Maximum use of a scene's time, in thousandths.
     pub time: u64,
-    /// Thousandths of its bytes that a scene has taken at most.
+    /// Maximum use of a scene's bytes, in thousandths.
     pub bytes: u64,
     /// Faults of the device that were simulated.
     pub faults: u64,
@@ -30,7 +30,7 @@ pub struct Tally {
     pub files: u64,
     /// Cases that this machine cannot run.
     pub skipped: u64,
-    /// Failures that Bevy alone has, too.
+    /// Failures that also occur with Bevy alone.
     pub upstream: u64,
     /// Worker processes that crashed or hung.
     pub crashes: u64,

@@ -1,5 +1,5 @@
-//! The short version of the suite: every generator of hostile scenes, some random scenes, known scenes, the faults that are cheap,
-//! and shaders with runtime checks. `cargo xtask stress` is the long one.
+//! The short version of the suite: every generator of hostile scenes, some random scenes, known scenes, the cheap faults, and
+//! shaders with runtime checks. `cargo xtask stress` is the long version.
 
 use crate::{
     bounds::{Bounds, Case},
@@ -25,20 +25,20 @@ use std::{
 const SIZE: UVec2 = UVec2::new(48, 32);
 /// Frames of each of the scenes that together contain all generators.
 const FRAMES: u32 = 3;
-/// Seeds of random scenes, which differ in everything.
+/// Seeds of random scenes with different content.
 const SEEDS: core::ops::Range<u64> = 100..106;
 /// Laps of the moving camera: one to warm up, three to compare with three others.
 const LAPS: u32 = 7;
-/// Most time for simplifying a failing scenario.
+/// Maximum time for simplifying a failing scenario.
 const SIMPLIFY: Duration = Duration::from_secs(60);
-/// A scene in which few frames tell how much light there is.
+/// A scene in which few frames are enough to measure light.
 const SCENE: StaticScene = StaticScene::BuiltIn(SceneName::EmissiveFloor);
 /// Rays are compared with brute force in one of this number of scenes, and in those with objects or meshes that change.
 const SHARE: u64 = 3;
-/// Techniques that known scenes are measured with: the plain path, and the one with all steps.
+/// Techniques for known scenes: the plain path, and the one with all steps.
 static TECHNIQUES: [&str; 2] = ["reference", "vrs-combined"];
 
-/// Fails instead of skipping where the environment says so.
+/// Fails instead of skipping if the environment requires it.
 fn skip(reason: &str) {
     let name = if reason.contains("ray queries") {
         "GLINT_REQUIRE_RAY_QUERY"
@@ -91,7 +91,7 @@ fn random_scenes() -> impl Iterator<Item = Scenario> {
     })
 }
 
-/// So many processes share the scenes, which take longest.
+/// Number of processes that share the scenes, which take longest.
 const PARTS: usize = 2;
 
 fn survive_a_part(part: usize) {
@@ -164,7 +164,7 @@ fn known_scenes_keep_their_light() {
             Err(reason) => problems.push(reason),
         }
     }
-    // The mean of so few laps of so small an image is noisy: only a large drift fails here.
+    // The mean of few laps of a small image is noisy: only a large drift fails here.
     let frames = LAPS * long_run::LAP;
     match long_run::run(harness, SceneName::EmissiveFloor, UVec2::new(48, 27), frames, deadline) {
         Ok(outcome) => {
@@ -210,7 +210,7 @@ fn runtime_checks_change_nothing() {
         Err(error) => return skip(&error),
     };
     let mut failures = Vec::new();
-    // A scene by all steps of the denoiser, and a hostile one with the ingredients of two: compiling takes longest.
+    // A scene with all steps of the denoiser, and a hostile one with the ingredients of two: compiling takes longest.
     let known = Case::Static(SCENE, "vrs-combined");
     let cases = Case::all(1, SIZE).into_iter().rev().take(2);
     let ingredients = cases.filter_map(|case| match case {

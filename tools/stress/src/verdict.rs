@@ -5,7 +5,7 @@
 pub enum Verdict {
     /// Everything is correct; a remark, which can be empty.
     Passed(String),
-    /// Something is not as it should be.
+    /// Something is wrong.
     Failed(Vec<String>),
     /// Bevy fails the same way without the library.
     Upstream(Vec<String>),

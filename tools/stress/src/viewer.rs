@@ -1,4 +1,4 @@
-//! The viewer and broken files: it must show them or report an error, and neither panic nor hang.
+//! The viewer with broken files: it must show them or report an error, and neither panic nor hang.
 
 use crate::{
     generators::{FileKind, file_bytes},
@@ -18,7 +18,7 @@ use std::{
 use tempfile::TempDir;
 use wait_timeout::ChildExt;
 
-/// Most time for one file. On a CPU the viewer compiles shaders for a while.
+/// Maximum time for one file. On a CPU the viewer compiles shaders for a while.
 const PATIENCE: Duration = Duration::from_secs(300);
 /// Time between two signs of life.
 const INTERVAL: Duration = Duration::from_secs(1);
@@ -43,7 +43,7 @@ impl Viewer {
     ///
     /// # Errors
     ///
-    /// If there is none, or no folder can be created.
+    /// If the program doesn't exist, or no folder can be created.
     pub fn new(given: Option<&Path>, tracer: String) -> Result<Self, String> {
         let name = format!("glint_viewer{}", env::consts::EXE_SUFFIX);
         let own = env::current_exe().map_err(|error| error.to_string())?;

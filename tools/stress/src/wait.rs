@@ -4,9 +4,9 @@ use crate::harness::Harness;
 use bevy::{asset::UntypedAssetId, prelude::*, render::render_resource::PipelineCache};
 use std::{thread, time::Duration};
 
-/// Consecutive frames without pending work after which no more is expected.
+/// Consecutive frames without pending work after which the work is done.
 const QUIET_FRAMES: u32 = 4;
-/// The same if no camera can reflect.
+/// The number of these frames if no camera can reflect.
 const PATIENT_FRAMES: u32 = 10;
 /// Leaves processor time to other threads.
 const NAP: Duration = Duration::from_millis(1);

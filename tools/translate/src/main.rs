@@ -1,7 +1,7 @@
 //! Translates WGSL as wgpu does for Vulkan, DirectX 12 and Metal. The tests of shaders call this program.
 //!
-//! `glint_translate FOLDER` writes a file in each language for each entry point of each `.wgsl` file of the folder, beside it. Each translation
-//! that fails is a line on stdout, and makes the program fail.
+//! `glint_translate FOLDER` writes a file in each language for each entry point of each `.wgsl` file of the folder,
+//! beside it. Each failed translation is a line on stdout, and makes the program fail.
 
 use anyhow::{Context, Result, anyhow, bail};
 use naga::back::{PipelineConstants, hlsl, msl, pipeline_constants::process_overrides, spv};
@@ -14,10 +14,10 @@ use std::process::ExitCode;
 /// Translates an entry point.
 type Translate = fn(&Module, &ModuleInfo, ShaderStage, &str) -> Result<Vec<u8>>;
 
-/// Elements of arrays of bindings, which the layout of a pipeline knows.
+/// Number of elements of binding arrays, which comes from the pipeline layout.
 const ELEMENTS: u32 = 64;
 
-/// Translations by the end of their files' names.
+/// Translations by the suffix of their files' names.
 const LANGUAGES: [(&str, Translate); 3] = [("spv", spirv), ("hlsl", hlsl), ("metal", metal)];
 
 fn main() -> Result<ExitCode> {
@@ -42,7 +42,7 @@ fn translate(path: &Path, failures: &mut Vec<String>) -> Result<()> {
     let module = naga::front::wgsl::parse_str(&source).map_err(|error| anyhow!(error.emit_to_string(&source)))?;
     let info = Validator::new(ValidationFlags::all(), Capabilities::all()).validate(&module)?;
     let name = path.file_stem().unwrap_or_default().to_string_lossy();
-    // Any number will do for constants that are known later.
+    // Any number works for constants that get their value later.
     let overrides = module.overrides.iter();
     let constants: PipelineConstants = overrides
         .filter_map(|(_, constant)| Some((constant.name.clone()?, 4.0)))
@@ -71,7 +71,7 @@ fn arrays(module: &Module) -> impl Iterator<Item = ResourceBinding> {
     arrays.filter_map(|(_, global)| global.binding)
 }
 
-/// For Vulkan 1.2, without run-time checks: Bevy asks wgpu for none.
+/// For Vulkan 1.2, without run-time checks, as Bevy compiles.
 fn spirv(module: &Module, info: &ModuleInfo, stage: ShaderStage, entry: &str) -> Result<Vec<u8>> {
     let arrays = arrays(module).map(|binding| {
         let target = spv::BindingInfo {

@@ -1,1 +1,1 @@
-//! Holds no code; `Cargo.toml` says why this package exists.
+//! Contains no code; `Cargo.toml` explains this package.

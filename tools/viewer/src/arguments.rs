@@ -64,8 +64,8 @@ pub struct Arguments {
     /// Stop the clock, so that nothing moves in an image
     #[arg(long, requires = "headless")]
     pub still: bool,
-    /// Render a built-in scene as a browser does: with the features and limits of WebGPU alone; and without anisotropic filtering, which
-    /// drivers do differently
+    /// Render a built-in scene as a browser does: with only the features and limits of WebGPU, and without anisotropic filtering, which
+    /// drivers implement differently
     #[arg(long, requires = "headless")]
     pub browser: bool,
     /// Frames to render before the image is taken; converged needs hundreds
@@ -112,7 +112,7 @@ impl Arguments {
     ///
     /// # Errors
     ///
-    /// If the file can't be opened or isn't glTF by its name.
+    /// If the file can't be opened, or its name isn't a glTF file's.
     pub fn source(&self) -> Result<Source, String> {
         match self.file.as_ref().or(self.gltf.as_ref()) {
             Some(file) => Source::file(file),

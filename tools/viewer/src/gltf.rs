@@ -16,7 +16,7 @@ pub enum Framing {
     /// The file is being read.
     #[default]
     Loading,
-    /// Its entities exist, their bounds are not all known.
+    /// Its entities exist, but not all of their bounds are available.
     Measuring,
     /// The camera is placed.
     Done,
@@ -63,7 +63,7 @@ fn loaded(
     *framing = Framing::Measuring;
 }
 
-/// Once all bounds are known, places the camera such that everything is seen, and adds a sun if there is no light.
+/// Once all bounds are available, places the camera so that everything is visible, and adds a sun if there is no light.
 fn frame_scene(
     mut framing: ResMut<Framing>,
     objects: Query<(&Aabb, &GlobalTransform), With<Mesh3d>>,

@@ -66,7 +66,7 @@ fn headless_app(arguments: &Arguments, size: UVec2) -> Result<HeadlessApp, Strin
         |app| plugins::add_before_bevy(app, arguments.backend),
         |app| {
             plugins::add_after_bevy(app, arguments);
-            // A small image shows no more of them, and a CPU takes long to draw large ones.
+            // A small image doesn't show more of them, and a CPU takes long to draw large ones.
             let edge = size.max_element().saturating_mul(2).next_power_of_two() as usize;
             app.insert_resource(DirectionalLightShadowMap {
                 size: edge.clamp(256, 2048),
@@ -96,7 +96,7 @@ fn render(app: &mut HeadlessApp, source: &Source, is_still: bool, frames: u32) -
 }
 
 /// Renders with the clock stopped until rays can hit everything, then resets every history and starts the clock: moving objects
-/// are where they were, however long that took.
+/// keep their places, however long that took.
 fn wait_for_scene(app: &mut HeadlessApp) {
     app.world().resource_mut::<Time<Virtual>>().pause();
     for _ in 0..FRAME_LIMIT {

@@ -9,7 +9,7 @@ use std::{fmt, str::FromStr};
 /// Source of a camera's reflections.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Method {
-    /// The environment map alone.
+    /// Only the environment map.
     Off,
     /// Bevy's screen-space reflections.
     ScreenSpace,
@@ -26,7 +26,7 @@ impl Method {
     const OFF: &str = "off";
     const SCREEN_SPACE: &str = "screen-space";
 
-    /// The ground truth of a still scene: every surface reflects, and frames are averaged.
+    /// The ground truth of a static scene: every surface reflects, and frames are averaged.
     pub fn ground_truth() -> Self {
         let reflections = RayTracedReflections {
             technique: ReflectionTechnique::Converged,
@@ -40,7 +40,7 @@ impl Method {
         }
     }
 
-    /// Frames are averaged for as long as nothing changes.
+    /// Frames are averaged as long as nothing changes.
     pub fn is_converged(&self) -> bool {
         matches!(self, Self::Traced { settings, .. } if settings.0.technique == ReflectionTechnique::Converged)
     }

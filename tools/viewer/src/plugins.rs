@@ -5,7 +5,7 @@ use bevy::{prelude::*, render::diagnostic::RenderDiagnosticsPlugin};
 use bevy_glint::{RayTracedReflectionsPlugin, ReflectionBackend, ui::ReflectionSettingsPanelPlugin};
 use glint_scenes::{MissingImagesPlugin, SceneAnimationPlugin};
 
-/// Adds the plugin that decides how the graphics device is opened, which must come before Bevy's plugins.
+/// Adds the plugin that configures the graphics device, which must come before Bevy's plugins.
 pub fn add_before_bevy(app: &mut App, backend: ReflectionBackend) {
     #[cfg(target_os = "linux")]
     if backend == ReflectionBackend::HardwareVrs {

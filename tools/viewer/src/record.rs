@@ -7,7 +7,7 @@ use std::{mem, path::PathBuf};
 
 const KEY: KeyCode = KeyCode::F9;
 
-/// The path that is being recorded, if any, and its file.
+/// The current recording, if any, and its file.
 #[derive(Resource)]
 pub struct Recorder {
     file: PathBuf,
@@ -17,7 +17,7 @@ pub struct Recorder {
 }
 
 impl Recorder {
-    /// Records into a file, once it is told to.
+    /// Records into a file, once recording is started.
     pub fn new(file: PathBuf, source: &Source) -> Self {
         Self {
             file,
@@ -54,7 +54,7 @@ impl Recorder {
     }
 }
 
-/// The key starts and ends it, and the end of the app ends it. The times are those of the clock that moves the scene.
+/// Starts and ends recording when the key is pressed, and ends it when the app exits. The times come from the clock that moves the scene.
 pub fn record(
     keyboard: Res<ButtonInput<KeyCode>>,
     time: Res<Time>,
@@ -69,7 +69,7 @@ pub fn record(
             recorder.path = Some(RecordedPath::default());
         }
     }
-    // The title follows changes alone.
+    // The title changes only with the recorder's state.
     if let Some(path) = &mut recorder.bypass_change_detection().path {
         path.push(time.elapsed_secs(), &camera);
     }

@@ -8,7 +8,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-/// The thing that is shown.
+/// The displayed content.
 #[derive(Clone, Debug)]
 pub enum Source {
     /// A scene that is built from code.
@@ -44,7 +44,7 @@ impl Source {
         }
     }
 
-    /// The option by which `cargo xtask evaluate` measures it.
+    /// The option with which `cargo xtask evaluate` measures it.
     pub fn evaluate_option(&self) -> String {
         match self {
             Self::BuiltIn(scene, _) => format!("--scene {scene}"),
@@ -71,7 +71,7 @@ impl Source {
     }
 
     /// Places the camera, `path` (0 to 1) along the path of a built-in scene, and gives it a sky. The camera of a file is placed
-    /// once that is loaded.
+    /// after loading.
     pub fn set_up_camera(&self, camera_entity: Entity, path: f32, world: &mut World) {
         let environment = match self {
             Self::BuiltIn(scene, _) => {

@@ -24,7 +24,7 @@ fn viewer(arguments: &[&str]) -> Output {
         .expect("the program starts")
 }
 
-/// Renders an image; `None` (with the reason printed) where this machine can't.
+/// Renders an image. Returns `None` (with the reason printed) if this machine can't.
 #[track_caller]
 fn render(name: &str, arguments: &[&str]) -> Option<RgbImage> {
     let file = format!("viewer-{name}.png");

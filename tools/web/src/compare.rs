@@ -104,7 +104,7 @@ fn spawn_twin(
     if comparison.enabled {
         for camera in &cameras {
             let mut twin = commands.entity(camera);
-            // Not the context of the panel, which is on the camera that came first.
+            // Without the panel's context, which is on the first camera.
             let mut twin = twin.clone_and_spawn_with_opt_in(|builder| {
                 builder
                     .allow::<(Camera, Camera3d, Hdr, Msaa, Projection, Transform)>()
@@ -123,7 +123,7 @@ fn spawn_twin(
     }
 }
 
-/// Gives each camera its columns of the frame, and the twin the pose of the other.
+/// Gives each camera its columns of the frame, and the twin the pose of the original.
 fn divide_picture(
     comparison: Res<Comparison>,
     window: Single<&Window, With<PrimaryWindow>>,

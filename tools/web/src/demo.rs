@@ -15,7 +15,7 @@ use bevy_egui::{EguiContexts, EguiGlobalSettings, EguiPrimaryContextPass};
 use bevy_glint::{RayTracedReflectionsPlugin, named_settings, ui::ReflectionSettingsPanelPlugin};
 use glint_scenes::{SceneAnimationPlugin, SceneName, camera, drop_anisotropy, environment, spawn};
 
-/// Settings of a visitor who asks for none.
+/// Default settings of a visitor.
 const TECHNIQUE: &str = "medium";
 
 /// Choices in the address of the page.

@@ -26,8 +26,8 @@ impl Address {
     }
 }
 
-/// Tells the page how far the demo is: `data-state` of its body is `preparing`, `ready`, `rest` or `declined`, and then
-/// `data-reason` says why.
+/// Reports the state of the demo to the page: `data-state` of its body is `preparing`, `ready`, `rest` or `declined`,
+/// and in the last case `data-reason` is the reason.
 pub struct PagePlugin {
     /// The clock is stopped, so that the image converges.
     pub still: bool,

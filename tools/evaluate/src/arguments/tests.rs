@@ -28,7 +28,7 @@ fn the_command_line_is_well_formed() {
 #[test]
 fn everything_is_measured_by_default() {
     let plan = arguments(&[]).plan(&machine(true, true)).unwrap();
-    // Three scenes, each with one job of its own and one for Solari, if that is built in.
+    // Three scenes, each with its own job and one for Solari, if that is built in.
     let scenes = plan.jobs.iter().filter(|job| job.first).count();
     assert_eq!(scenes, 3);
     let ids: Vec<String> = plan.jobs[0].variants.iter().map(Variant::id).collect();

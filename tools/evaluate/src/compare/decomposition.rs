@@ -1,13 +1,13 @@
 //! Splits the error of reflected light into noise, which differs from run to run, and bias, which doesn't: lag, blur and ghosts.
 //!
-//! Both are mean squares of linear luminance before tone mapping, since only squares of noise and bias add up to those of the error.
-//! FLIP has no such sum.
+//! Both are mean squares of linear luminance before tone mapping, since only squares of noise and bias add up to the squared error. FLIP
+//! has no such sum.
 
 use super::reflected_light::TrueLight;
 use crate::state::Split;
 use image::{Rgb, RgbImage};
 
-/// Contrast at which colours of the maps are full.
+/// Contrast at which colours of the maps are saturated.
 const MAP_RANGE: f64 = 0.1;
 
 /// Noise and bias of a technique in a view, in numbers and as images.
@@ -16,7 +16,7 @@ pub struct Decomposition {
     pub split: Split,
     /// Standard deviation between runs: white is [`MAP_RANGE`].
     pub noise: RgbImage,
-    /// The mean of the runs against the truth: red where it is too bright, blue where it is too dark, black where it is right.
+    /// The mean of the runs against the truth: red for too bright, blue for too dark, black for correct.
     pub bias: RgbImage,
 }
 
@@ -28,11 +28,11 @@ fn mean_and_variance(values: impl Iterator<Item = f64> + Clone) -> (f64, f64) {
     (mean, squares / (count - 1.0))
 }
 
-/// Compares frames that differ in their noise alone with the truth; `None` unless there are two at least, all of the truth's size.
+/// Compares frames that differ only in their noise with the truth; `None` unless there are at least two, all of the truth's size.
 ///
-/// The mean of the runs still has some of their noise, and the truth has noise of its own. Both would count as bias, so that their
-/// variances are taken off its square: that of the runs, and that of the truth by the difference of its halves. A technique without bias
-/// gives a square of about 0, on either side of it.
+/// The mean of the runs still has some of their noise, and the truth has its own noise. Both would count as bias, so both variances are
+/// subtracted from the squared bias. The truth's variance comes from the difference of its halves. The result for a technique without
+/// bias is about 0, and can be negative.
 pub fn decompose(truth: &TrueLight, runs: &[Vec<f32>]) -> Option<Decomposition> {
     let pixels = truth.without().len();
     if runs.len() < 2 || pixels == 0 || runs.iter().any(|run| run.len() != pixels) {
@@ -53,9 +53,9 @@ pub fn decompose(truth: &TrueLight, runs: &[Vec<f32>]) -> Option<Decomposition> 
         split.light += expected - f64::from(truth.without()[index]);
         split.noise += variance;
         split.bias += bias;
-        // A highlight that is ten times as bright can be ten times as wrong before the difference is visible. The ground truth alone
-        // decides how bright a pixel is: weights that followed the runs would follow their noise, and its rare bright values would look
-        // like bias.
+        // The difference in a highlight that is ten times as bright is visible only if it is ten times as large. Only the ground truth
+        // determines the brightness of a pixel: weights that followed the runs would follow their noise, and its rare bright values
+        // would look like bias.
         let scale = (expected.max(0.0) + frame_mean).max(1e-9);
         split.contrast_noise += variance / scale.powi(2);
         split.contrast_bias += bias / scale.powi(2);
@@ -123,7 +123,7 @@ mod tests {
         TrueLight::new(WIDTH, surroundings, halves)
     }
 
-    /// Runs of a technique with columns that are too bright and too dark in turn.
+    /// Runs of a technique with columns that are alternately too bright and too dark.
     fn runs(random: &mut Random, bias: f32, noise: f32) -> Vec<Vec<f32>> {
         let frame = |random: &mut Random| {
             plane(|index| {
@@ -165,7 +165,7 @@ mod tests {
         let found = decompose(&truth(&mut random), &runs(&mut random, 0.0, 0.1))
             .unwrap()
             .split;
-        // The noise of the mean alone would be a square of 0.0025, that of the truth 0.00125.
+        // The noise of the mean alone would give a square of 0.0025, and the noise of the truth 0.00125.
         assert!(found.bias.abs() < 1e-4, "{found:?}");
     }
 

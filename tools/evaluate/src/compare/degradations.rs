@@ -1,4 +1,4 @@
-//! The metrics on rendered pictures: equal settings differ by nothing, and known damage ranks as it must.
+//! The metrics on rendered images: equal settings have no difference, and known damage ranks in the right order.
 
 use super::{image::from_rgba, metrics};
 use bevy::{math::UVec2, prelude::*};
@@ -34,7 +34,7 @@ fn app() -> Option<HeadlessApp> {
     }
 }
 
-/// The mirror floor with some roughness; nothing for no reflection at all.
+/// The mirror floor with some roughness; `None` for no reflection.
 fn render(app: &mut HeadlessApp, camera: Entity, roughness: Option<f32>) -> RgbImage {
     let world = app.world();
     let mut materials = world.resource_mut::<Assets<StandardMaterial>>();
@@ -102,7 +102,7 @@ fn known_damage_ranks_as_it_must() {
     );
     assert_eq!(flip(&truth), 0.0);
     assert_eq!(psnr(&truth), metrics::PERFECT_PSNR);
-    // A mirror has no noise: the same settings give the same picture.
+    // A mirror has no noise: the same settings give the same image.
     assert!(flip(&again) < 1e-3, "{}", flip(&again));
     assert!(flip(&moved) > 10.0 * flip(&again).max(1e-4), "{}", flip(&moved));
     assert!(flip(&slight) > 10.0 * flip(&again).max(1e-4), "{}", flip(&slight));

@@ -58,10 +58,10 @@ pub fn luminance(image: &RgbImage) -> impl Iterator<Item = f32> + '_ {
         .map(|[red, green, blue]| 0.212_639 * red + 0.715_169 * green + 0.072_192 * blue)
 }
 
-/// The reflection alone: the difference of an image to the same one without any environment reflection or traced reflection.
+/// The reflection alone: the difference between an image and the same image without any environment reflection or traced reflection.
 ///
-/// Both are tone-mapped, so this is the contribution to the display and not radiance. A reflection that darkens, since the tone curve
-/// compresses its surface, is cut off at black. No other place decides what "the reflection alone" is.
+/// Both are tone-mapped, so this is the contribution to the display and not radiance. The tone curve compresses bright surfaces, so a
+/// reflection can darken its surface: such a value is cut off at black. Only this function defines "the reflection alone".
 pub fn reflection_alone(image: &RgbImage, without: &RgbImage) -> Result<RgbImage, String> {
     if image.dimensions() != without.dimensions() {
         return Err("an image and the one without reflections have different sizes".to_owned());
@@ -80,7 +80,7 @@ pub fn not_finite(halves: &[u8]) -> Vec<bool> {
     pixels.map(|pixel| pixel[..6].chunks_exact(2).any(broken)).collect()
 }
 
-/// An image in which every pixel has one grey, for tests.
+/// An image with one grey for all pixels, for tests.
 #[cfg(test)]
 pub fn gray(width: u32, height: u32, value: u8) -> RgbImage {
     RgbImage::from_pixel(width, height, image::Rgb([value; 3]))

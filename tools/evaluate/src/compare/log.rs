@@ -1,5 +1,5 @@
-//! The log of comparisons: one line of JSON for each technique in each view, written as soon as it is known, so that an interrupted run
-//! loses nothing of it.
+//! The log of comparisons: one line of JSON for each technique in each view. Each line is written at once, so that an interrupted run
+//! loses none.
 
 use super::score::{Errors, ViewErrors};
 use serde::{Deserialize, Serialize};
@@ -38,7 +38,7 @@ impl Entry {
     }
 }
 
-/// All lines of one file. The last one counts where several are about the same.
+/// All lines of one file. The last of several lines about the same image counts.
 pub struct ComparisonLog {
     file: PathBuf,
     entries: Mutex<BTreeMap<Key, Entry>>,
@@ -50,7 +50,7 @@ impl ComparisonLog {
         out.join("state").join("comparisons.jsonl")
     }
 
-    /// Reads a file, which need not exist. Lines that can't be understood, such as one that was cut off, are passed over.
+    /// Reads a file, which need not exist. Invalid lines, such as truncated ones, are skipped.
     pub fn open(file: PathBuf) -> Self {
         let bytes = fs::read(&file).unwrap_or_default();
         let text = String::from_utf8_lossy(&bytes);
@@ -69,7 +69,7 @@ impl ComparisonLog {
     pub fn append(&self, entry: Entry) -> Result<(), String> {
         let fail = |error: std::io::Error| format!("{} can't be written: {error}", self.file.display());
         let line = serde_json::to_string(&entry).map_err(|error| error.to_string())?;
-        // One at a time, and each line with one write; the line feed before it ends a line that was cut off.
+        // One at a time, and each line with one write. The line feed before it ends a truncated line.
         let mut entries = self.entries();
         entries.insert(entry.key(), entry);
         if let Some(folder) = self.file.parent() {
@@ -87,7 +87,7 @@ impl ComparisonLog {
         entry.is_some_and(|entry| (entry.pictures, entry.reference) == (pictures, reference))
     }
 
-    /// The errors of a technique's images with a stamp; `None` unless those of all views are known.
+    /// The errors of a technique's images with a stamp; `None` if a view is missing.
     pub fn errors(&self, job: &str, variant: &str, pictures: u64, views: u32) -> Option<Errors> {
         let entries = self.entries();
         let views: Option<Vec<ViewErrors>> = (0..views)
@@ -131,7 +131,7 @@ mod tests {
         log.append(entry(0, 7, 0.5)).unwrap();
         assert_eq!(log.errors("atrium", "low", 7, 2), None);
 
-        // A line that was cut off, as when the process was killed, costs itself alone.
+        // A truncated line, as after a killed process, loses only itself.
         let mut cut = fs::File::options().append(true).open(&file).unwrap();
         cut.write_all(b"{\"job\":\"atrium\",\"vari").unwrap();
         drop(cut);

@@ -7,18 +7,18 @@ use nv_flip::{FlipImageFloat, FlipImageRgb8};
 /// Pixels per degree of the paper's display: 2,560 pixels over 0.5 m, seen from 0.62 m.
 const PIXELS_PER_DEGREE: f32 = 55.4;
 
-/// The PSNR of equal images, in decibels: no pair of different images of 8 bits comes near.
+/// The PSNR of equal images, in decibels. No two different images of 8 bits reach it.
 pub const PERFECT_PSNR: f64 = 199.0;
 
 /// FLIP's error at each pixel, 0 to 1.
 pub struct ErrorMap {
-    /// The mean, which is the number that FLIP's authors recommend.
+    /// The mean, which FLIP's authors recommend.
     pub mean: f64,
     errors: FlipImageFloat,
 }
 
 impl ErrorMap {
-    /// The errors in FLIP's colours: black is none, yellow a large one.
+    /// The errors in FLIP's colours: black is no error, yellow a large one.
     pub fn image(&self) -> Option<RgbImage> {
         let colors = self.errors.apply_color_lut(&nv_flip::magma_lut()).to_vec();
         RgbImage::from_raw(self.errors.width(), self.errors.height(), colors)
@@ -72,7 +72,7 @@ pub fn mean_luminance(image: &RgbImage) -> f64 {
     sum / image.pixels().len().max(1) as f64
 }
 
-/// Mean change of the signed error from frame to frame, of linear luminance: the noise that is left when nothing moves.
+/// Mean change of the signed error from frame to frame, of linear luminance: the noise that remains in a static view.
 ///
 /// The ground truth of a still view doesn't change, so it cancels out and isn't needed.
 pub fn flicker(frames: &[RgbImage]) -> Result<f64, String> {
@@ -93,7 +93,7 @@ pub fn flicker(frames: &[RgbImage]) -> Result<f64, String> {
 mod tests {
     use super::{super::image::gray, *};
 
-    /// A smooth image with an edge, so that everything that can go wrong shows.
+    /// A smooth image with an edge, so that every kind of error is visible.
     fn image(change: impl Fn(u32, u32, u8) -> u8) -> RgbImage {
         RgbImage::from_fn(64, 48, |x, y| {
             let base = if x > 30 && y > 20 { 210 } else { 40 + x as u8 };

@@ -1,4 +1,4 @@
-//! Errors of images: FLIP and others, computed beside the renderer and written down at once.
+//! Errors of images (FLIP and others), computed in parallel to the renderer and written at once.
 
 pub mod decomposition;
 #[cfg(test)]

@@ -1,6 +1,6 @@
 //! Threads that compare images while others are rendered.
 //!
-//! A task is a few names of files, and each thread holds the images of one task: memory doesn't grow with the length of the queue.
+//! A task is a few names of files, and each thread loads the images of one task: memory doesn't grow with the length of the queue.
 
 use super::{
     log::{ComparisonLog, Entry, Key},
@@ -20,7 +20,7 @@ use std::{
     time::Duration,
 };
 
-/// How often the one who waits is told how much is left.
+/// Interval at which a waiting caller gets the number of remaining tasks.
 const INTERVAL: Duration = Duration::from_millis(200);
 
 /// One technique in one view.
@@ -30,12 +30,12 @@ struct Task {
     view: u32,
 }
 
-/// Why images could not be compared, by job and technique.
+/// Reasons for missing comparisons, by job and technique.
 pub type Problems = BTreeMap<(String, String), String>;
 
 #[derive(Default)]
 struct Progress {
-    /// Tasks that are queued or being worked on.
+    /// Tasks that are queued or in progress.
     pending: BTreeSet<Key>,
     /// Maximum number of threads.
     limit: usize,
@@ -56,7 +56,7 @@ pub struct ComparisonPool {
     threads: ThreadPool,
 }
 
-/// How many threads compare: all but one, which renders; fewer if the images are so large that memory could run out.
+/// Number of threads that compare: all but one, which renders, and fewer if the images are so large that memory could run out.
 pub fn thread_count(protocol: &Protocol) -> usize {
     const MEMORY: u64 = 4 << 30;
     // FLIP works on a dozen images of floating-point values.
@@ -68,7 +68,7 @@ pub fn thread_count(protocol: &Protocol) -> usize {
 }
 
 impl ComparisonPool {
-    /// Starts at least one thread; results go to a log.
+    /// Starts at least one thread. Results go to a log.
     pub fn start(count: usize, log: Arc<ComparisonLog>) -> Result<Self, String> {
         let threads = ThreadPoolBuilder::new().num_threads(count.max(1)).build();
         let threads = threads.map_err(|error| format!("threads can't be started: {error}"))?;
@@ -84,7 +84,7 @@ impl ComparisonPool {
         Ok(Self { shared, threads })
     }
 
-    /// Compares those images of a job that exist and were not compared yet. Until a job is over, its techniques wait for the images of its
+    /// Compares the existing images of a job that were not compared yet. Until a job is over, its techniques wait for the images of its
     /// `reference`.
     pub fn submit(&self, job: &Arc<Job>, over: bool) {
         let store = Store::new(job);
@@ -115,7 +115,7 @@ impl ComparisonPool {
         }
     }
 
-    /// Lets a share of the threads go on, from 0 to 1, so that others have the machine for themselves.
+    /// Lets a fraction of the threads continue, from 0 to 1, so that other work has the machine for itself.
     pub fn slow_down(&self, share: f64) {
         let count = self.threads.current_num_threads() as f64;
         self.shared.lock().limit = (count * share.clamp(0.0, 1.0)) as usize;
@@ -153,7 +153,7 @@ impl Shared {
         let full = |progress: &mut Progress| progress.busy >= progress.limit;
         let allowed = self.changed.wait_while(self.lock(), full);
         allowed.unwrap_or_else(PoisonError::into_inner).busy += 1;
-        // A library that panics must not take the other comparisons with it.
+        // A panic in a library must not end the other comparisons.
         let outcome = catch_unwind(AssertUnwindSafe(|| self.compare(task)));
         let outcome = outcome.unwrap_or_else(|_| Err("the comparison panicked".to_owned()));
         let (job, variant, view) = (task.job.id(), task.variant.id(), task.view);
@@ -261,7 +261,7 @@ mod tests {
         assert!(map.exists());
         drop(pool);
 
-        // Another run knows all of that, and compares only new images.
+        // Another run reuses these results, and compares only new images.
         fs::remove_file(&map).unwrap();
         let pool = ComparisonPool::start(1, open(&job)).unwrap();
         pool.submit(&job, true);

@@ -19,14 +19,14 @@ const BLOCK: usize = 64;
 const TILE: usize = 8;
 /// Pixels with an outline, or with something that doesn't reflect, closer than this don't count.
 pub const MARGIN: usize = 2;
-/// Step of the inverse distance, as a share of it, that makes an outline. On a plane the inverse distance has hardly any.
+/// Minimum relative step of the inverse distance for an outline. On a plane the inverse distance has hardly any step.
 const OUTLINE: f32 = 0.02;
 /// Exposed luminance that a pixel must reflect of a white environment. Half floats of bright frames have steps of this size.
 const LEAST_REFLECTANCE: f32 = 0.004;
-/// Relative error at which colours of the map are full.
+/// Relative error at which the map's colours are saturated.
 const MAP_RANGE: f64 = 0.1;
 
-/// Linear luminance (Rec. 709) of each texel; 0 for one that is not finite, which other columns count.
+/// Linear luminance (Rec. 709) of each texel; 0 for a non-finite one, which other columns count.
 pub fn luminance(texels: &[[f32; 4]]) -> Vec<f32> {
     let values = texels
         .iter()
@@ -36,11 +36,11 @@ pub fn luminance(texels: &[[f32; 4]]) -> Vec<f32> {
         .collect()
 }
 
-/// Frames that tell which pixels count. None of them has noise, so that the choice doesn't depend on that of the truth.
+/// Frames that select the pixels that count. They have no noise, so the selection doesn't depend on the noise of the truth.
 pub struct Surroundings {
     /// Luminance of all light except reflections.
     pub without: Vec<f32>,
-    /// The same by Bevy's own lighting in a white environment: pixels that reflect are brighter.
+    /// Luminance of Bevy's own lighting in a white environment: pixels that reflect are brighter.
     pub in_white: Vec<f32>,
     /// Distance of each pixel's surface.
     pub distance: Vec<f32>,
@@ -48,12 +48,12 @@ pub struct Surroundings {
     pub objects: Objects,
 }
 
-/// Objects of a scene that have a name of their own, and where they are seen.
+/// Named objects of a scene, and their pixels.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Objects {
     /// Their names.
     pub names: Vec<String>,
-    /// For each pixel, one more than the index of its object; 0 for none.
+    /// For each pixel, one more than the index of its object; 0 without an object.
     pub seen: Vec<u16>,
 }
 
@@ -64,7 +64,7 @@ pub struct TrueLight {
     width: usize,
     /// All light except reflections.
     without: Vec<f32>,
-    /// Pixels that count, those that reflect away from outlines: one more than the index of their cell. 0 for those that don't.
+    /// For each pixel that counts (it reflects, away from outlines), one more than the index of its cell; 0 for other pixels.
     cells: Vec<u32>,
     /// The object of each cell, as in [`Objects::seen`]. A cell is the part of a block that shows one object.
     objects: Vec<u16>,
@@ -97,7 +97,7 @@ impl TrueLight {
         light
     }
 
-    /// Cells from the object of each pixel, `None` for those that don't count; in the order in which rows of pixels meet them.
+    /// Finds cells from the object of each pixel, `None` for pixels that don't count. Cells are numbered in the order of rows of pixels.
     fn find_cells(&mut self, objects: impl Iterator<Item = Option<u16>>) {
         let (width, columns) = (self.width.max(1), self.width.div_ceil(BLOCK));
         let mut known = BTreeMap::new();
@@ -115,7 +115,7 @@ impl TrueLight {
             .collect();
     }
 
-    /// Reads files of [`write`](Self::write); `None` unless they hold an image of that size.
+    /// Reads files of [`write`](Self::write). Returns `None` unless they contain an image of that size.
     pub fn read(file: &Path, width: u32, height: u32) -> Option<Self> {
         let (width, pixels) = (width as usize, width as usize * height as usize);
         let [without, objects, first, second] = read_planes(file, pixels)?.try_into().ok()?;
@@ -131,7 +131,7 @@ impl TrueLight {
         Some(light)
     }
 
-    /// Writes a file, and one with the names of objects beside it.
+    /// Writes a file, and another one with the names of objects.
     pub fn write(&self, file: &Path) -> Result<(), String> {
         let [first, second] = &self.halves;
         // Whole numbers of 16 bits are exact in 32 bits of float.
@@ -194,8 +194,8 @@ impl TrueLight {
         sums
     }
 
-    /// A map of the error of frames: red where they reflect too much, blue where too little, with full colour at 10 %; black where nothing
-    /// counts.
+    /// A map of the error of frames: red for too much reflected light, blue for too little, saturated at 10 %, and black for pixels that
+    /// don't count.
     pub fn map(&self, frames: &[Vec<f32>]) -> RgbImage {
         let truth = |index: usize| 0.5 * (self.halves[0][index] + self.halves[1][index]);
         let expected = self.sum_tiles(|index| truth(index) - self.without[index]);
@@ -227,7 +227,7 @@ fn names_file(file: &Path) -> PathBuf {
     file.with_extension("objects.json")
 }
 
-/// Flags of the pixels around which everything reflects and nothing has an outline.
+/// Flags of the pixels whose surroundings reflect and have no outline.
 fn counted(width: usize, surroundings: &Surroundings) -> Vec<bool> {
     let Surroundings {
         without,
@@ -290,14 +290,14 @@ mod tests {
     const WIDTH: usize = 100;
     const HEIGHT: usize = 80;
 
-    /// One value where a surface reflects, another one on the matte ground below it and on its left.
+    /// One value for a reflecting surface, another one for the matte ground below it and on its left.
     fn plane(reflecting: f32, other: f32) -> Vec<f32> {
         let rows = (0..HEIGHT).flat_map(|y| (0..WIDTH).map(move |x| (x, y)));
         rows.map(|(x, y)| if y < 60 && x >= 10 { reflecting } else { other })
             .collect()
     }
 
-    /// The distance of a slanted plane, and of a part of it that is nearer.
+    /// The distance of a slanted plane, with a part that is nearer.
     fn surroundings() -> Surroundings {
         let distance = |x: usize| 1.0 / (0.1 + 0.002 * x as f32) * if x < 70 { 1.0 } else { 0.9 };
         Surroundings {

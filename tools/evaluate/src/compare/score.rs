@@ -23,7 +23,7 @@ pub struct ViewErrors {
     pub final_reference: Option<f64>,
     /// FLIP of the reflection alone against the ground truth.
     pub reflection_converged: Option<f64>,
-    /// The same of each run that differs in its noise alone, the first one included.
+    /// The same error for each run, the first one included. Runs differ only in their noise.
     pub reflection_runs: Vec<f64>,
     /// FLIP of the image against the ground truth.
     pub final_converged: Option<f64>,
@@ -33,7 +33,7 @@ pub struct ViewErrors {
     pub bias: Option<f64>,
     /// Mean luminance of the ground truth.
     pub truth_luminance: Option<f64>,
-    /// FLIP of the image against the ground truth so many frames after a cut.
+    /// FLIP of the image against the ground truth at each number of frames after a cut.
     pub recovery: [Option<f64>; RECOVERY_FRAMES.len()],
 }
 
@@ -77,7 +77,7 @@ impl Reference {
     }
 }
 
-/// Compares the images of a technique in a view with the ground truth, and with those of `reference` if there are some.
+/// Compares the images of a technique in a view with the ground truth, and with the images of `reference` if there are any.
 pub fn score(job: &Job, variant: &Variant, view: u32, reference: Option<&Reference>) -> Result<ViewErrors, String> {
     let (folder, shared) = (job.images(view), job.shared_images(view));
     let id = variant.id();
@@ -104,7 +104,7 @@ pub fn score(job: &Job, variant: &Variant, view: u32, reference: Option<&Referen
     if let Some(reference) = &reference {
         errors.final_reference = Some(flip(reference, &image)?.mean);
     }
-    // Solari lights everything in its own way: its difference to our image without reflections is more than reflections.
+    // Solari lights everything in its own way, so its difference to our image without reflections contains more than reflections.
     if variant.technique != "solari" {
         let dark = load(&shared.join("dark.png"))?;
         let alone = |of: &RgbImage| reflection_alone(of, &dark);

@@ -18,7 +18,7 @@ const MOST_STATIC_LIGHT_BIAS: f64 = 0.5;
 /// The techniques with a rate per tile.
 pub const HEURISTICS: [&str; 4] = ["vrs-roughness", "vrs-grazing", "vrs-combined", "vrs-adaptive"];
 
-/// Size of the paper's pictures.
+/// Size of the paper's images.
 const PAPER_SIZE: (u32, u32) = (1920, 1080);
 
 /// All of these sections, as Markdown.
@@ -30,7 +30,7 @@ pub fn sections(rows: &[Row], protocol: &Protocol) -> String {
     text
 }
 
-/// The paper's largest error of a variable rate in the scene that ours stands for, with that scene's name.
+/// The paper's largest error of a variable rate in the scene that corresponds to ours, with that scene's name.
 pub fn paper_limit(scene: &str) -> Option<(&'static str, f64)> {
     let index = paper::SCENES.iter().position(|(_, ours)| *ours == scene)?;
     let variable = paper::TECHNIQUES
@@ -124,7 +124,7 @@ fn bias(rows: &[Row], text: &mut String) {
     );
 }
 
-/// A bias of the reflected light that is clearly above its limit: all of its interval, where it has one.
+/// Returns whether a bias of the reflected light is clearly above its limit, with all of its interval if there is one.
 fn is_above(percent: f64, interval: Option<(f64, f64)>, limit: f64) -> bool {
     let (low, high) = interval.unwrap_or((percent, percent));
     low > limit || high < -limit
@@ -240,7 +240,7 @@ mod tests {
             good.contains("All 3 variable-rate techniques hold this limit."),
             "{good}"
         );
-        // A preset is shown and doesn't count; what has a fixed rate isn't even shown.
+        // A preset is shown and doesn't count; a fixed rate isn't even shown.
         assert!(good.contains("| atrium | medium (preset) | bvh | 0.0900 | *0.072* (Sponza) | **no** |"));
         assert!(!good.contains("| atrium | quarter | bvh | 0.0500 | *"));
         assert!(!good.contains("in small pictures"), "{good}");

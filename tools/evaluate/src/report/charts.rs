@@ -33,7 +33,7 @@ const FRONT: RGBColor = RGBColor(0, 158, 115);
 /// Height of the letters of a label in pixels.
 const LABEL: f64 = 14.0;
 
-/// The kind of a technique, which decides its colour. The colours can be told apart by people who see few of them.
+/// The kind of a technique, which decides its colour. Colour-blind people can distinguish the colours.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Family {
     /// Techniques that the paper compares.
@@ -86,7 +86,7 @@ pub struct Point {
     pub error_range: Option<(f64, f64)>,
     /// Its kind.
     pub family: Family,
-    /// Another one is both faster and closer to the truth, beyond the intervals.
+    /// Another technique is both faster and closer to the truth, beyond the intervals.
     pub dominated: bool,
 }
 
@@ -101,7 +101,7 @@ pub struct Chart {
     pub error_name: String,
     /// The techniques.
     pub points: Vec<Point>,
-    /// Errors of techniques that take no time, drawn as lines across.
+    /// Errors of techniques that take no time, drawn as horizontal lines.
     pub levels: Vec<(String, f64)>,
 }
 
@@ -175,13 +175,13 @@ impl Frame {
         let errors = chart.points.iter().map(|point| point.error).chain(levels);
         let error = errors.fold(0.0f64, f64::max);
         Self {
-            // Room for the labels, most of all on the right.
+            // Space for the labels, mostly on the right.
             time: (low / 1.35, high * 1.8),
             error: if error > 0.0 { error * 1.12 } else { 1.0 },
         }
     }
 
-    /// Round times: 1, 2 and 5 times powers of ten, or equal steps where those are few.
+    /// Round times: 1, 2 and 5 times powers of ten, or equal steps if there are few of these.
     fn times(&self) -> Vec<f64> {
         let (low, high) = self.time;
         let decades = low.log10().floor() as i32..=high.log10().ceil() as i32;
@@ -293,7 +293,7 @@ fn overlap(a: Rectangle, b: Rectangle) -> i32 {
     width.max(0) * height.max(0)
 }
 
-/// Names beside their points, where they cover the least of anything else.
+/// Names beside their points, at the place with the least overlap.
 fn labels(area: &Area<'_>, plot: &Plot<'_>, chart: &Chart) -> Drawn {
     let markers: Vec<(i32, i32)> = chart
         .points

@@ -1,4 +1,4 @@
-//! Noise and bias of the reflected light: which part of an error changes with the random numbers, and which doesn't.
+//! Noise and bias of the reflected light: the part of an error that changes with the random numbers, and the rest.
 
 use super::rows::{Row, scenes, significant};
 use crate::{
@@ -28,17 +28,17 @@ pub struct SplitRow {
     pub view: String,
     /// `motion` or `static`.
     pub kind: String,
-    /// Runs that differ in their noise alone.
+    /// Number of runs that differ only in their noise.
     pub runs: u32,
     /// Mean of the light that reflections add by the ground truth, in exposed linear luminance.
     pub light: f64,
     /// Standard deviation between runs, in percent of that light.
     pub noise_percent: f64,
-    /// Root of the mean square of the runs' mean against the truth, without the noise of both, in percent of that light.
+    /// Root mean square of the runs' mean against the truth, without the noise of both, in percent of that light.
     pub bias_percent: f64,
     /// Both together: the root of the mean square error of a single frame.
     pub error_percent: f64,
-    /// The same noise as a contrast, in percent: each pixel relative to its true luminance and that of the whole picture.
+    /// The noise as a contrast, in percent: each pixel relative to its true luminance and to the mean luminance of the image.
     pub noise_contrast: f64,
     /// The bias as a contrast.
     pub bias_contrast: f64,
@@ -90,7 +90,7 @@ fn mean(splits: &[&Split]) -> Split {
     }
 }
 
-/// The rows of a technique, those of all views first.
+/// The rows of a technique, with the rows of all views first.
 pub fn rows(row: &Row, views: &[ViewSplit], runs: u32) -> Vec<SplitRow> {
     let kinds: [(&str, fn(&ViewSplit) -> Option<&Split>); 2] = [
         ("motion", |view| view.motion.as_ref()),
@@ -118,7 +118,7 @@ pub fn rows(row: &Row, views: &[ViewSplit], runs: u32) -> Vec<SplitRow> {
     rows
 }
 
-/// Old rows, but for those of techniques that were measured anew, and new ones.
+/// Old rows, except for techniques that were measured again, and new rows.
 pub fn merge(mut old: Vec<SplitRow>, measured: &[Row], new: Vec<SplitRow>) -> Vec<SplitRow> {
     old.retain(|row| !measured.iter().any(|measured| row.is_of(measured)));
     old.extend(new);

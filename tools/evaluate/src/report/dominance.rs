@@ -1,4 +1,4 @@
-//! Intervals of the reflection's error over views and runs, and which techniques others dominate beyond them.
+//! Intervals of the reflection's error over views and runs, and the techniques that others dominate beyond them.
 
 use super::{
     rows::{Row, significant},
@@ -20,7 +20,7 @@ pub fn to_text(views: &[Vec<f64>]) -> String {
     views.iter().map(view).collect::<Vec<String>>().join("|")
 }
 
-/// The errors in such a text; empty if it is none.
+/// The errors in such a text; empty if it is invalid.
 fn from_text(text: &str) -> Vec<Vec<f64>> {
     let view = |runs: &str| -> Option<Vec<f64>> {
         let runs = runs.split_whitespace().map(|error| error.parse().ok());
@@ -29,7 +29,7 @@ fn from_text(text: &str) -> Vec<Vec<f64>> {
     text.split('|').map(view).collect::<Option<_>>().unwrap_or_default()
 }
 
-/// Mean, and the variance of that mean with its degrees of freedom; `None` of a single value.
+/// Mean, and the variance of that mean with its degrees of freedom; `None` for a single value.
 fn mean_with_variance(values: &[f64]) -> Option<(f64, Option<(f64, f64)>)> {
     let center = mean(values)?;
     let freedom = values.len() as f64 - 1.0;
@@ -46,8 +46,8 @@ fn around(center: f64, variance: f64, freedom: f64) -> Interval {
     }
 }
 
-/// The mean error over views and its 95 % interval. Several views are a sample of those that the scene has: their means, each over
-/// its runs, differ by place and by noise, and Student's distribution takes both. A single view has the interval of its runs.
+/// The mean error over views and its 95 % interval. Several views are a sample of the scene's possible views: their means, each over its
+/// runs, differ by place and by noise, and Student's distribution covers both. A single view has the interval of its runs.
 pub fn mean_error(views: &[Vec<f64>]) -> Option<(f64, Option<Interval>)> {
     let means: Vec<f64> = views.iter().filter_map(|runs| mean(runs)).collect();
     let sample = if let [runs] = views { runs } else { &means };
@@ -64,7 +64,7 @@ pub fn mean_error(views: &[Vec<f64>]) -> Option<(f64, Option<Interval>)> {
 }
 
 /// The reflection's error in the best and in the worst view, or the interval of a single one. The interval over few views is far wider than
-/// what charts show: it takes them for a sample of all views, while techniques are compared in the same ones.
+/// this range: it treats them as a sample of all views, while techniques are compared in the same ones.
 pub fn range_of_views(row: &Row) -> Option<(f64, f64)> {
     let views = from_text(&row.flip_reflection_runs);
     if views.len() < 2 {
@@ -77,8 +77,8 @@ pub fn range_of_views(row: &Row) -> Option<(f64, f64)> {
     })
 }
 
-/// The ratio of two techniques' errors and its 95 % interval. Views are paired, so that places where reflections are hard for both
-/// cancel out; the estimate is the geometric mean. A single view has the interval of both techniques' runs.
+/// The ratio of two techniques' errors and its 95 % interval. Views are paired, so that places that are hard for both cancel out. The
+/// estimate is the geometric mean. A single view has the interval of both techniques' runs.
 fn error_ratio(a: &[Vec<f64>], b: &[Vec<f64>]) -> Option<(f64, Option<Interval>)> {
     if a.len() != b.len() {
         return None;
@@ -90,7 +90,7 @@ fn error_ratio(a: &[Vec<f64>], b: &[Vec<f64>]) -> Option<(f64, Option<Interval>)
     let (center, variance) = mean_with_variance(&logs)?;
     let interval = match (variance, a, b) {
         (Some((variance, freedom)), ..) => Some(around(center, variance, freedom)),
-        // The variance of a logarithm is that of the value over its square; degrees of freedom by Welch and Satterthwaite.
+        // The variance of a logarithm is the variance of the value over its square; degrees of freedom by Welch and Satterthwaite.
         (None, [a], [b]) => {
             let of = |runs: &[f64]| {
                 let (center, variance) = mean_with_variance(runs)?;
@@ -112,13 +112,13 @@ fn error_ratio(a: &[Vec<f64>], b: &[Vec<f64>]) -> Option<(f64, Option<Interval>)
     Some((center.exp(), interval))
 }
 
-/// True if the time of a row is shorter than that of another one beyond the intervals of both.
+/// Returns whether the time of a row is shorter than that of another one beyond the intervals of both.
 fn is_faster(row: &Row, other: &Row) -> bool {
-    // Nothing takes no time, and has no interval.
+    // A row without reflections takes no time, and has no interval.
     if row.total_ms == Some(0.0) {
         return other.total_ms.is_some_and(|time| time > 0.0);
     }
-    // Ratios relate to the reference by the row's own tracer; without one, to that of whichever was measured first.
+    // Ratios are relative to the reference with the row's own tracer, or with the first measured one if there is none.
     let ends = match (row.ratio_high, other.ratio_low) {
         (Some(high), Some(low)) if row.tracer == other.tracer => Some((high, low)),
         _ => row.total_high_ms.zip(other.total_low_ms),
@@ -132,8 +132,8 @@ fn is_comparable(row: &Row, other: &Row) -> bool {
     row.is_ok() && other.is_ok() && row.scene == other.scene && same_tracer
 }
 
-/// Fills in the results from the errors of views and runs: the interval of the reflection's error, its ratio to that of `quarter`, and
-/// the techniques that are both faster and closer to the truth. The intervals of a single view contain only its noise, so that it decides
+/// Fills in the results from the errors of views and runs: the interval of the reflection's error, its ratio to the error of `quarter`, and
+/// the techniques that are both faster and closer to the truth. The intervals of a single view contain only its noise, so they decide
 /// nothing. Rows of older versions have no such errors, and don't change.
 pub fn fill(rows: &mut [Row]) {
     let samples: Vec<Vec<Vec<f64>>> = rows.iter().map(|row| from_text(&row.flip_reflection_runs)).collect();
@@ -211,7 +211,7 @@ mod tests {
         (0..12).map(|_| f64::from(random.unit())).sum::<f64>() - 6.0
     }
 
-    /// Errors of a technique in views that are hard by themselves.
+    /// Errors of a technique in views of different difficulty.
     fn views(random: &mut Random, places: &[f64], factor: f64, noise: f64) -> Vec<Vec<f64>> {
         let mut run = |place: f64| place * factor * (1.0 + noise * normal(random));
         places
@@ -341,7 +341,7 @@ mod tests {
             text.contains("| street | vrs-grazing | bvh | quarter, vrs-roughness, low |"),
             "{text}"
         );
-        // By another tracer, or in another scene, nothing is dominated.
+        // With another tracer, or in another scene, no technique is dominated.
         rows[3].tracer = "ray-query".into();
         fill(&mut rows);
         assert_eq!(rows[3].dominated_by, "");
@@ -358,7 +358,7 @@ mod tests {
             ratio_high: Some(1.01 * time / reference),
             ..row(technique, time, &views(&mut random, &places, factor, 0.01))
         };
-        // The reference takes 2 ms by one tracer, and 0.4 ms by the other.
+        // The reference takes 2 ms with one tracer, and 0.4 ms with the other.
         let mut rows = [
             of("ssr", "-", 0.5, 2.0, 0.8),
             of("low", "bvh", 1.5, 2.0, 1.0),

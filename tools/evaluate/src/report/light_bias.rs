@@ -12,7 +12,7 @@ pub struct LightBias {
     pub interval: Option<Interval>,
 }
 
-/// The truth of a view, and the sums that each run of a technique shows there.
+/// The truth of a view, and the sums of each run of a technique in it.
 pub type View<'a> = (&'a TrueSums, &'a [Vec<f64>]);
 
 fn total<'a>(blocks: impl IntoIterator<Item = &'a f64>) -> f64 {
@@ -43,12 +43,12 @@ impl Variance {
     }
 }
 
-/// The bias over all views together, so that a dark view doesn't weigh more than a bright one; `None` where nothing reflects.
+/// The bias over all views together, so that a dark view doesn't weigh more than a bright one; `None` if nothing reflects.
 ///
-/// The interval covers the effect of noise on the bias of just these views: it comes from runs that differ in their noise alone, not from
+/// The interval covers the effect of noise on the bias of just these views: it comes from runs that differ only in their noise, not from
 /// the spread of the bias over positions, which is no noise. Noise is correlated within a block of pixels, and hardly between blocks.
 /// Each block of each view is therefore a part with a variance from the runs, and two runs of a hundred blocks have a hundred degrees of
-/// freedom. The noise of the ground truth is part of it, by the difference of its halves.
+/// freedom. The difference of the ground truth's halves adds its noise.
 pub fn light_bias(views: &[View]) -> Option<LightBias> {
     let truth: f64 = views
         .iter()
@@ -89,8 +89,8 @@ pub fn light_bias(views: &[View]) -> Option<LightBias> {
     })
 }
 
-/// The difference of the two halves of the ground truth, in percent of the reflected light: no bias below that means anything. The halves
-/// complement each other in their low-discrepancy sequence, so that the whole is known better than half of this.
+/// The difference of the two halves of the ground truth, in percent of the reflected light: a bias below it is meaningless. The halves
+/// complement each other in their low-discrepancy sequence, so the error of the whole is less than half of this.
 pub fn light_floor<'a>(views: impl IntoIterator<Item = &'a TrueSums>) -> Option<f64> {
     let (mut first, mut second) = (0.0, 0.0);
     for view in views {

@@ -1,4 +1,4 @@
-//! The bias of the light that each named object reflects: in the sum over a scene, one that is too bright hides one that is too dark.
+//! The bias of the light that each named object reflects. In the sum over a scene, an object that is too bright hides one that is too dark.
 
 use super::{
     light_bias::{LightBias, light_bias},
@@ -34,7 +34,7 @@ pub struct ObjectRow {
     pub light_bias_low: Option<f64>,
     /// Upper end of it.
     pub light_bias_high: Option<f64>,
-    /// The same bias after static frames.
+    /// The bias after static frames.
     pub static_light_bias_percent: Option<f64>,
     /// Lower end of its 95 % confidence interval.
     pub static_light_bias_low: Option<f64>,
@@ -63,7 +63,7 @@ fn of_object(sums: &[f64], truth: &TrueSums, name: &str) -> Vec<f64> {
         .collect()
 }
 
-/// The rows of a technique. `truth` and `shown` are those of each view.
+/// The rows of a technique. `truth` and `shown` contain one item per view.
 pub fn rows(row: &Row, truth: &[TrueSums], shown: &[ShownSums]) -> Vec<ObjectRow> {
     let mut names: Vec<&String> = truth.iter().flat_map(|view| &view.names).collect();
     names.sort();
@@ -112,7 +112,7 @@ pub fn rows(row: &Row, truth: &[TrueSums], shown: &[ShownSums]) -> Vec<ObjectRow
     rows
 }
 
-/// Old rows, but for those of techniques that were measured anew, and new ones.
+/// Old rows, except for techniques that were measured again, and new rows.
 pub fn merge(mut old: Vec<ObjectRow>, measured: &[Row], new: Vec<ObjectRow>) -> Vec<ObjectRow> {
     old.retain(|row| !measured.iter().any(|measured| row.is_of(measured)));
     old.extend(new);

@@ -65,7 +65,7 @@ impl Results<'_> {
         write_text(&self.out.join("readme.md"), &fragment)
     }
 
-    /// Writes a table; an empty one has no file, not even that of an earlier measurement.
+    /// Writes a table. An empty one has no file, and removes the file of an earlier measurement.
     fn write_or_remove<T: Serialize>(&self, name: &str, rows: &[T]) -> Result<(), String> {
         let file = self.out.join(name);
         if !rows.is_empty() {
@@ -80,7 +80,7 @@ impl Results<'_> {
         }
     }
 
-    /// Draws two charts per scene: of the picture and of the reflection alone.
+    /// Draws two charts per scene: of the image and of the reflection alone.
     fn charts(&self) -> Result<BTreeMap<String, Vec<ChartFile>>, String> {
         let mut charts: BTreeMap<String, Vec<ChartFile>> = BTreeMap::new();
         let scenes: BTreeSet<&str> = self.tables.rows.iter().map(|row| row.scene.as_str()).collect();
@@ -124,7 +124,7 @@ impl Results<'_> {
         Ok(charts)
     }
 
-    /// Prints the most important columns, and where the rest is. A reader that went away is no failure.
+    /// Prints the most important columns, and the paths of the rest. A closed pipe is no failure.
     pub fn print(&self) {
         _ = self.print_to(&mut io::stdout().lock());
     }

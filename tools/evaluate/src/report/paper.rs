@@ -9,7 +9,7 @@ pub struct PaperTechnique {
     pub ours: &'static str,
     /// Milliseconds of the rate image, of the rays and of everything, per scene.
     pub times: [[f64; 3]; 3],
-    /// Mean FLIP against the reference of the reflections and of the final image, per scene; the reference has none.
+    /// Mean FLIP against the reference of the reflections and of the final image, per scene; `None` for the reference.
     pub errors: Option<[[f64; 3]; 2]>,
 }
 
@@ -47,7 +47,7 @@ pub const TECHNIQUES: [PaperTechnique; 4] = [
     },
 ];
 
-/// Tables 2 and 3, rebuilt with our rows beside the paper's numbers, as Markdown; nothing if no such scene was measured.
+/// Tables 2 and 3, rebuilt with our rows beside the paper's numbers, as Markdown; empty if no such scene was measured.
 pub fn tables(rows: &[Row]) -> String {
     let mut text = String::new();
     let columns = columns(rows);

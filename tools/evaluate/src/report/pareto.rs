@@ -5,7 +5,7 @@ use super::{rows::Row, stats::pareto_front};
 /// An error of a row.
 pub type ErrorOf = fn(&Row) -> Option<f64>;
 
-/// Flags of the rows that no other beats in time and error together. Techniques that take no time count.
+/// Flags of the rows that no other row beats in time and error together. Techniques that take no time count.
 pub fn on_front(rows: &[&Row], error: ErrorOf) -> Vec<bool> {
     let points: Vec<(f64, f64)> = rows
         .iter()

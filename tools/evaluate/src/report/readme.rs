@@ -11,7 +11,7 @@ use std::{collections::BTreeMap, fmt::Write};
 /// The folder with charts and the summary, from `docs/`.
 pub const FOLDER: &str = "evaluation";
 
-/// The text between the page's markers. `charts` holds, for each scene, titles and paths from the folder of results.
+/// The text between the page's markers. `charts` contains, for each scene, titles and paths relative to the folder of results.
 pub fn fragment(
     machine: &Machine,
     protocol: &Protocol,

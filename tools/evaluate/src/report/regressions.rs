@@ -4,7 +4,7 @@ use super::rows::{Outcome, Row};
 use std::fmt::Write;
 use strum::Display;
 
-/// Changes of time below this share are never reported: clocks, drivers and temperatures differ from day to day by as much.
+/// Smaller relative changes of time are never reported: clocks, drivers and temperatures differ from day to day by this much.
 pub const MIN_TIME_CHANGE: f64 = 0.05;
 /// Changes of an error below this share are never reported.
 pub const MIN_ERROR_CHANGE: f64 = 0.03;
@@ -21,7 +21,7 @@ pub enum Verdict {
     Better,
     /// More error.
     Worse,
-    /// It was measured before and is not any more.
+    /// It was measured before and isn't any more.
     Lost,
 }
 
@@ -52,7 +52,7 @@ pub struct Change {
 pub struct Comparison {
     /// Changes beyond noise.
     pub changes: Vec<Change>,
-    /// Rows that are in both and were compared.
+    /// Rows that are in both tables and were compared.
     pub compared: usize,
     /// Ratios of times to `reference`, with intervals in both runs on one machine.
     pub timed: usize,
@@ -62,7 +62,7 @@ pub struct Comparison {
     pub notes: Vec<String>,
 }
 
-/// Rule for a column: its name, its value, the largest difference that is none, and true if more is better.
+/// Rule for a column: its name, its value, the largest difference that is ignored, and true if more is better.
 type Measure = (&'static str, fn(&Row) -> Option<f64>, f64, bool);
 
 const ERRORS: [Measure; 7] = [
@@ -80,7 +80,7 @@ const ERRORS: [Measure; 7] = [
     ("nonfinite", |row| row.nonfinite.map(|count| count as f64), 0.0, false),
 ];
 
-/// Rule for a bias of the reflected light: its name, its value in percent, its interval, and the largest difference that is none.
+/// Rule for a bias of the reflected light: its name, its value in percent, its interval, and the largest difference that is ignored.
 type LightMeasure = (
     &'static str,
     fn(&Row) -> Option<f64>,
@@ -115,10 +115,10 @@ fn name(row: &Row) -> String {
 
 /// Compares rows of the same scene, technique, back end and tracer.
 ///
-/// A time has changed if it differs by more than [`MIN_TIME_CHANGE`] and by more than the noise of both runs; an error if it
-/// differs by more than [`MIN_ERROR_CHANGE`] and by more than a floor of its own, and a bias of the reflected light if it differs
-/// by more than a floor and by more than both intervals allow. Times of different adapters, and anything of different sizes of
-/// the image, are not compared.
+/// Compares two sets of rows. A time has changed if it differs by more than [`MIN_TIME_CHANGE`] and by more than the noise of
+/// both runs. An error has changed if it differs by more than [`MIN_ERROR_CHANGE`] and by more than its own floor, and a bias of
+/// the reflected light if it differs by more than a floor and by more than both intervals allow. Times of different adapters, and
+/// any values at different image sizes, are not compared.
 pub fn compare(old: &[Row], new: &[Row]) -> Comparison {
     let mut comparison = Comparison::default();
     for row in new {
@@ -191,7 +191,7 @@ fn compare_rows(before: &Row, after: &Row, comparison: &mut Comparison) {
         let (Some(old), Some(new)) = (get(before), get(after)) else {
             continue;
         };
-        // Shares of decibels make no sense.
+        // Fractions of decibels are meaningless.
         let share = if name == "psnr_db" { 0.0 } else { MIN_ERROR_CHANGE };
         if (new - old).abs() > floor.max(share * old.abs()) {
             let better = (new > old) == rising;

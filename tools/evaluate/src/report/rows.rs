@@ -25,11 +25,11 @@ pub struct Row {
     pub scene: String,
     /// The technique or preset.
     pub technique: String,
-    /// `compute` or `hardware`; `-` where there is no choice.
+    /// `compute` or `hardware`; `-` if there is no choice.
     pub backend: String,
-    /// `ray-query` or `bvh`; `-` where no ray is traced.
+    /// `ray-query` or `bvh`; `-` if no rays are traced.
     pub tracer: String,
-    /// Tells if there are results.
+    /// Whether there are results.
     pub outcome: Outcome,
     /// The reason for a missing result, or a remark.
     pub note: String,
@@ -47,7 +47,7 @@ pub struct Row {
     pub samples: u32,
     /// All passes of the technique.
     pub total_ms: Option<f64>,
-    /// The time that 95 % of frames stay below.
+    /// 95th percentile of the time.
     pub total_p95_ms: Option<f64>,
     /// Lower end of the 95 % confidence interval of the median.
     pub total_low_ms: Option<f64>,
@@ -63,9 +63,9 @@ pub struct Row {
     pub rate_ms: Option<f64>,
     /// The rays.
     pub trace_ms: Option<f64>,
-    /// Spatial reconstruction, in a pass of its own.
+    /// Spatial reconstruction, in its own pass.
     pub reconstruct_ms: Option<f64>,
-    /// Temporal accumulation, in a pass of its own.
+    /// Temporal accumulation, in its own pass.
     pub temporal_ms: Option<f64>,
     /// Both in one pass.
     pub denoise_ms: Option<f64>,
@@ -77,7 +77,7 @@ pub struct Row {
     pub frame_ms: Option<f64>,
     /// Reflection rays per frame.
     pub rays: Option<f64>,
-    /// The same per pixel of the image.
+    /// Rays per pixel of the image.
     pub rays_per_pixel: Option<f64>,
     /// Mean FLIP of the reflection alone against `reference`: the paper's comparison.
     pub flip_reflection_reference: Option<f64>,
@@ -89,27 +89,27 @@ pub struct Row {
     pub flip_reflection_low: Option<f64>,
     /// Upper end of it.
     pub flip_reflection_high: Option<f64>,
-    /// The same error over that of `quarter`: the geometric mean of the ratios in each view.
+    /// The error over that of `quarter`: the geometric mean of the ratios in each view.
     pub flip_reflection_ratio: Option<f64>,
     /// Lower end of the 95 % confidence interval of the ratio.
     pub flip_reflection_ratio_low: Option<f64>,
     /// Upper end of it.
     pub flip_reflection_ratio_high: Option<f64>,
-    /// The same error of each run in each view: views are parted by `|`, runs by spaces.
+    /// The error of each run in each view. `|` separates views, and spaces separate runs.
     pub flip_reflection_runs: String,
     /// Techniques that are both faster and closer to the truth, beyond the intervals.
     pub dominated_by: String,
     /// Mean FLIP of the image against the ground truth.
     pub flip_final_converged: Option<f64>,
-    /// The view with the least of it.
+    /// The view with the lowest error.
     pub flip_final_converged_min: Option<f64>,
-    /// The view with the most of it.
+    /// The view with the highest error.
     pub flip_final_converged_max: Option<f64>,
     /// Peak signal-to-noise ratio against the ground truth, in decibels, of linear light.
     pub psnr_db: Option<f64>,
     /// Mean signed error of linear luminance against the ground truth.
     pub bias: Option<f64>,
-    /// The same in percent of the ground truth's luminance.
+    /// The bias in percent of the ground truth's luminance.
     pub bias_percent: Option<f64>,
     /// Bias of the light that reflections add, in motion, in percent of that light; over reflecting pixels away from outlines.
     pub light_bias_percent: Option<f64>,
@@ -117,7 +117,7 @@ pub struct Row {
     pub light_bias_low: Option<f64>,
     /// Upper end of it.
     pub light_bias_high: Option<f64>,
-    /// The same bias after static frames.
+    /// The bias after static frames.
     pub static_light_bias_percent: Option<f64>,
     /// Lower end of its 95 % confidence interval.
     pub static_light_bias_low: Option<f64>,
@@ -129,17 +129,17 @@ pub struct Row {
     pub flicker: Option<f64>,
     /// Mean FLIP of the image against the ground truth in the first frame after a camera cut.
     pub recovery_1: Option<f64>,
-    /// The same in the fourth frame.
+    /// The error in the fourth frame.
     pub recovery_4: Option<f64>,
-    /// The same in the sixteenth frame.
+    /// The error in the sixteenth frame.
     pub recovery_16: Option<f64>,
-    /// Pixels that are infinite or no number, and are not without reflections; must be 0.
+    /// Pixels that are infinite or NaN, and are not without reflections; must be 0.
     pub nonfinite: Option<u64>,
 }
 
 #[cfg(test)]
 impl Row {
-    /// A row for tests: the times of a technique that is exactly measured, and the error of its image.
+    /// A row for tests: exact times of a technique, and the error of its image.
     pub fn example(scene: &str, technique: &str, time: f64, error: f64) -> Self {
         Self {
             scene: scene.into(),
@@ -157,12 +157,12 @@ impl Row {
 }
 
 impl Row {
-    /// The columns that tell rows apart.
+    /// The columns that identify a row.
     pub fn key(&self) -> (&str, &str, &str, &str) {
         (&self.scene, &self.technique, &self.backend, &self.tracer)
     }
 
-    /// The technique, with its back end where that isn't compute.
+    /// The technique, with its back end unless that is compute.
     pub fn label(&self) -> String {
         match self.backend.as_str() {
             "hardware" => format!("{} (hardware)", self.technique),
@@ -186,7 +186,7 @@ impl Row {
         self.flip_reflection_low.zip(self.flip_reflection_high)
     }
 
-    /// True if another technique is both faster and closer to the truth.
+    /// Returns whether another technique is both faster and closer to the truth.
     pub fn is_dominated(&self) -> bool {
         !self.dominated_by.is_empty()
     }
@@ -202,7 +202,7 @@ impl Row {
     }
 }
 
-/// The rows of several runs into one folder, in the order of tables: new ones take the place of old ones about the same.
+/// The rows of several runs into one folder, in the order of tables. New rows replace old ones with the same key.
 pub fn merge(mut old: Vec<Row>, new: Vec<Row>) -> Vec<Row> {
     old.retain(|row| new.iter().all(|other| other.key() != row.key()));
     old.extend(new);
@@ -232,13 +232,13 @@ pub fn of_scene<'a>(rows: &'a [Row], scene: &str) -> Vec<&'a Row> {
     rows.iter().filter(|row| row.scene == scene && row.is_ok()).collect()
 }
 
-/// Rounds to so many significant digits, so that files can be read by people.
+/// Rounds to this number of significant digits, so that files are readable.
 pub fn significant(value: f64, digits: i32) -> f64 {
     if value == 0.0 || !value.is_finite() {
         return value;
     }
     let decimals = digits - 1 - value.abs().log10().floor() as i32;
-    // Through text, which rounds as people do.
+    // Through text, which rounds in decimal.
     if decimals >= 0 {
         let decimals = decimals as usize;
         format!("{value:.decimals$}").parse().unwrap_or(value)
@@ -248,7 +248,7 @@ pub fn significant(value: f64, digits: i32) -> f64 {
     }
 }
 
-/// A number with so many decimals, or a dash.
+/// A number with this number of decimals, or a dash.
 pub fn number(value: Option<f64>, decimals: usize) -> String {
     value.map_or_else(|| "-".to_owned(), |value| format!("{value:.decimals$}"))
 }
@@ -263,8 +263,7 @@ pub fn to_csv<T: Serialize>(rows: &[T]) -> Result<String, String> {
     String::from_utf8(bytes).map_err(|error| error.to_string())
 }
 
-/// Rows from CSV. Columns that are missing are empty, and columns that are unknown are passed over, so that files of other
-/// versions can be read.
+/// Rows from CSV. Missing columns are empty, and unknown columns are skipped, so that files of other versions can be read.
 pub fn from_csv<T: DeserializeOwned>(text: &str) -> Result<Vec<T>, String> {
     let mut reader = csv::Reader::from_reader(text.as_bytes());
     let headers = reader.headers().map_err(|error| error.to_string())?;
@@ -356,7 +355,7 @@ mod tests {
             total_ms: Some(time),
             ..Row::default()
         };
-        // The street and a file were measured first, then the atrium, and a technique of the street once more.
+        // The street and a file were measured first, then the atrium, and then a technique of the street again.
         let old = vec![
             row("street", "quarter", "bvh", 1.0),
             row("street", "reference", "bvh", 2.0),

@@ -2,7 +2,7 @@
 
 use glint_scenes::Random;
 
-/// A range that holds the true value with a probability of about 95 %.
+/// A range that contains the true value with a probability of about 95 %.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Interval {
     /// Lower end.
@@ -36,8 +36,8 @@ pub fn mean(values: &[f64]) -> Option<f64> {
     (count > 0).then(|| sum / f64::from(count))
 }
 
-/// The 95 % confidence interval of the median from order statistics: it assumes nothing about the distribution. With fewer than
-/// six values it is their range, which is less than 95 % sure.
+/// The 95 % confidence interval of the median from order statistics, which assume nothing about the distribution. With fewer than six
+/// values it is their range, which has a lower confidence than 95 %.
 ///
 /// Frames along a camera path differ for good reasons, and that spread is part of the interval.
 pub fn median_interval(values: &[f64]) -> Option<Interval> {
@@ -72,8 +72,8 @@ fn outer_rank(n: usize) -> usize {
 /// The ratio `a / b` of two quantities that were measured in the same rounds, and its 95 % interval.
 ///
 /// Each round gives one ratio, so that changes between rounds that affect both (the position on the path, the clock of a warm GPU) cancel
-/// out. The estimate is the geometric mean; the interval comes from resampling the rounds, always with the same random numbers. `None`
-/// without a common round; without an interval if there is only one.
+/// out. The estimate is the geometric mean. The interval comes from resampling the rounds, always with the same random numbers. The result
+/// is `None` without a common round, and has no interval if there is only one.
 pub fn paired_ratio(a: &[Option<f64>], b: &[Option<f64>]) -> Option<(f64, Option<Interval>)> {
     const RESAMPLES: usize = 2000;
     let usable = |value: &Option<f64>| value.filter(|value| value.is_finite() && *value > 0.0);
@@ -102,7 +102,7 @@ pub fn paired_ratio(a: &[Option<f64>], b: &[Option<f64>]) -> Option<(f64, Option
     Some((estimate, Some(interval)))
 }
 
-/// The share of 97.5 % of Student's distribution: 95 % lie within it to either side. Degrees of freedom need not be whole, and are rounded
+/// The 97.5 % quantile of Student's distribution: 95 % lie within it to either side. Degrees of freedom need not be whole, and are rounded
 /// down, which widens intervals.
 pub fn t_quantile(freedom: f64) -> f64 {
     const TABLE: [f64; 30] = [
@@ -118,7 +118,7 @@ pub fn t_quantile(freedom: f64) -> f64 {
     }
 }
 
-/// Indices of the points that no other beats: none is at most as large in both coordinates and smaller in one. Sorted by the
+/// Indices of the points that no other point dominates, by being at most as large in both coordinates and smaller in one. Sorted by the
 /// first coordinate. Points that aren't finite are never on the front.
 pub fn pareto_front(points: &[(f64, f64)]) -> Vec<usize> {
     let mut order: Vec<usize> = (0..points.len())

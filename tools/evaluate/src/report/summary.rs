@@ -36,7 +36,7 @@ fn range(low: Option<f64>, high: Option<f64>, decimals: usize) -> String {
     }
 }
 
-/// Error of the reflection over that of `quarter` in percent, with its interval.
+/// Error of the reflection over the error of `quarter` in percent, with its interval.
 fn ratio(row: &Row) -> String {
     let percent = |value: Option<f64>| value.map(|value| 100.0 * value);
     let Some(ratio) = percent(row.flip_reflection_ratio) else {

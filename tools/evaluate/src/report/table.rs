@@ -27,7 +27,8 @@ use std::{
 /// Digits of the values in files.
 const DIGITS: i32 = 5;
 
-/// The rows of a job. `failure` says why the job as a whole ended early, if it did, and `problems` which images could not be compared.
+/// The rows of a job. `failure` is the reason why the whole job ended early, if it did, and `problems` lists the images that could not
+/// be compared.
 pub fn rows(job: &Job, machine: &Machine, log: &ComparisonLog, failure: Option<&str>, problems: &Problems) -> Vec<Row> {
     let store = Store::new(job);
     let rounds: Vec<Round> = (0..job.protocol.rounds())
@@ -74,7 +75,7 @@ pub fn rows(job: &Job, machine: &Machine, log: &ComparisonLog, failure: Option<&
         .collect()
 }
 
-/// For each row of a job the biases of named objects.
+/// The biases of named objects, for each row of a job.
 pub fn objects(job: &Job, rows: &[Row]) -> Vec<ObjectRow> {
     let store = Store::new(job);
     let truth = true_sums(job);
@@ -85,7 +86,7 @@ pub fn objects(job: &Job, rows: &[Row]) -> Vec<ObjectRow> {
         .collect()
 }
 
-/// For each row of a job its noise and bias.
+/// Noise and bias, for each row of a job.
 pub fn splits(job: &Job, rows: &[Row]) -> Vec<SplitRow> {
     let store = Store::new(job);
     let pairs = job.variants.iter().zip(rows);
@@ -294,7 +295,7 @@ mod tests {
         assert_eq!(off.total_ms, None);
         times(&mut off, &Variant::new("off"), &[round(&[("off", &[7.0])])]);
         assert_eq!((off.frames, off.total_ms, off.ratio), (1, Some(0.0), None));
-        // Without a clock on the GPU there are frames and no times.
+        // Without a clock on the GPU there are frames but no times.
         let mut blind = row();
         let mut only_frames = round(&[("low", &[1.0])]);
         only_frames.get_mut("low").unwrap().remove(TOTAL);

@@ -28,7 +28,7 @@ pub struct Tables {
 }
 
 impl Tables {
-    /// Reads the tables of a folder. Only that of techniques must be there.
+    /// Reads the tables of a folder. Only the table of techniques is required.
     pub fn load(out: &Path) -> Result<Self, String> {
         let mut rows = rows::load(&out.join(ROWS))?;
         dominance::fill(&mut rows);

@@ -20,10 +20,10 @@ pub struct GroundTruth {
     pixels: usize,
 }
 
-/// The part of a ground truth that is kept.
+/// The stored part of a ground truth.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Converged {
-    /// The image that the camera shows.
+    /// The camera's image.
     pub image: RgbImage,
     /// Linear luminance before tone mapping, of the first half of the samples and of the second one.
     pub halves: [Vec<f32>; 2],

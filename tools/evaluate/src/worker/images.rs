@@ -26,7 +26,7 @@ use std::{
 
 /// Frames of the ground truth between two messages about progress.
 const CHUNK: u32 = 16;
-/// Radiance of the fog that shows distances: far above that of any surface, and within the range of half floats.
+/// Radiance of the fog that encodes distances: far above the radiance of any surface, and within the range of half floats.
 const FOG: f32 = 60_000.0;
 
 /// Linear luminance of a view by a technique, for each run.
@@ -82,7 +82,7 @@ impl Runner<'_> {
         Ok(())
     }
 
-    /// A view in Bevy's own lighting with another environment to be reflected.
+    /// A view in Bevy's own lighting with another environment to reflect.
     fn in_environment(&mut self, seconds: f32, specular_map: &Handle<Image>) -> Result<(), String> {
         self.switch(&Variant::new("off"))?;
         self.pose(seconds);
@@ -118,8 +118,8 @@ impl Runner<'_> {
 
     /// The light of a view, with the halves of its ground truth.
     ///
-    /// The light that reflections add is the difference to a frame that traces as the ground truth does and leaves out the addition alone:
-    /// all else, such as light probes and the share of the environment that Bevy's lighting has left out, is the same in both.
+    /// The light that reflections add is the difference to a frame that traces like the ground truth and omits only the addition:
+    /// everything else, such as light probes and the fraction of the environment that Bevy's lighting omitted, is the same in both.
     fn true_light(&mut self, seconds: f32, halves: [Vec<f32>; 2]) -> Result<TrueLight, String> {
         let white = self.white.clone();
         self.in_environment(seconds, &white)?;
@@ -133,8 +133,8 @@ impl Runner<'_> {
         let in_fog = self.in_fog();
         techniques::show_reflections(&mut self.app, true);
         let (without, in_fog) = (without?, in_fog?);
-        // Fog takes the place of a share of the light that grows with the distance. Pixels without fog, such as the
-        // sky, have no finite inverse, and don't reflect.
+        // Fog replaces a fraction of the light that grows with the distance. Pixels without fog, such as the sky, have no finite inverse,
+        // and don't reflect.
         let pairs = without.iter().zip(&in_fog);
         let shares: Vec<f32> = pairs.map(|(without, fog)| (fog - without) / (FOG - without)).collect();
         let far = self.far();
@@ -154,7 +154,7 @@ impl Runner<'_> {
         projection.map_or(1000.0, |projection| projection.far())
     }
 
-    /// The last frame once more in bright fog, from which follows the distance of each pixel.
+    /// Renders the last frame again in bright fog, which gives the distance of each pixel.
     fn in_fog(&mut self) -> Result<Vec<f32>, String> {
         let world = self.app.world();
         let own = world.get::<DistanceFog>(self.camera).cloned();
@@ -255,7 +255,7 @@ impl Runner<'_> {
             if view < protocol.float_views() {
                 nonfinite += self.new_broken_pixels(view)?;
             }
-            // Solari lights everything in its own way: its difference to our frame without reflections is more than reflections.
+            // Solari lights everything in its own way, so its difference to our frame without reflections contains more than reflections.
             if !self.job.solari {
                 let truth = self.read_true_light(view)?;
                 light.push(self.measure_light(view, variant, &truth, &shown, &writer));
@@ -275,8 +275,8 @@ impl Runner<'_> {
         })
     }
 
-    /// Moves the camera to a view. The first run starts as if nothing had happened before. In further ones the technique stays
-    /// switched on, so that its sequence of samples goes on and they differ from the first in their noise alone.
+    /// Moves the camera to a view. The first run starts without any past. In further runs the technique stays switched on, so that its
+    /// sequence of samples continues and they differ from the first only in their noise.
     pub fn move_to_view(&mut self, view: u32, variant: &Variant, run: u32) -> Result<(), String> {
         let frames = self.job.protocol.motion_frames;
         let seconds = self.scene.view(view);
@@ -292,7 +292,7 @@ impl Runner<'_> {
             self.step(CLEAR_FRAMES);
             techniques::reset(&mut self.camera());
         }
-        // The last frame shows just the instant of the ground truth.
+        // The last frame shows the exact instant of the ground truth.
         for left in (0..frames).rev() {
             self.pose(before(left));
             self.step(1);
@@ -334,7 +334,7 @@ impl Runner<'_> {
         self.step(STATIC_FRAMES.saturating_sub(last + protocol.flicker_frames));
         light.push(self.capture_luminance()?);
         for _ in 1..protocol.runs {
-            // The sequence of samples goes on.
+            // The sequence of samples continues.
             techniques::reset(&mut self.camera());
             self.step(STATIC_FRAMES);
             light.push(self.capture_luminance()?);
@@ -348,7 +348,7 @@ impl Runner<'_> {
         TrueLight::read(&file, width, height).ok_or_else(|| format!("{} can't be read", file.display()))
     }
 
-    /// Sums and maps of the reflected light that a technique shows in a view.
+    /// Sums and maps of the reflected light of a technique in a view.
     fn measure_light(
         &self,
         view: u32,
@@ -372,7 +372,7 @@ impl Runner<'_> {
         }
     }
 
-    /// Noise and bias of the reflected light that a technique shows in a view, with maps of those in motion.
+    /// Noise and bias of the reflected light of a technique in a view, with maps of both in motion.
     fn split(
         &self,
         view: u32,
@@ -393,7 +393,7 @@ impl Runner<'_> {
         }
     }
 
-    /// The number of broken pixels of the frame that are not broken without reflections.
+    /// The number of the frame's broken pixels that are intact without reflections.
     fn new_broken_pixels(&mut self, view: u32) -> Result<u64, String> {
         let broken = self.broken_pixels()?;
         let before = match self.broken.get(&view) {

@@ -16,7 +16,7 @@ fn differing(a: &[f32], b: &[f32]) -> f32 {
     differ.count() as f32 / a.len() as f32
 }
 
-/// Share of pixels that are darker in the first image by more than rounding.
+/// Fraction of pixels that are darker in the first image by more than rounding.
 fn darker(a: &[f32], b: &[f32]) -> f32 {
     let pairs = a.iter().zip(b);
     let darker = pairs.filter(|(a, b)| **a < **b - 2e-3 * b.abs() - 1e-5);
@@ -54,13 +54,13 @@ fn frame_and_truth_show_the_same_instant() {
     runner.ground_truths().unwrap();
     let (width, height) = (job.protocol.width, job.protocol.height);
     let truth = TrueLight::read(&job.true_light(0), width, height).unwrap();
-    // Reflections add light: where the converged frame has less than the frame without them, it shows something else.
+    // Reflections add light. If the converged frame has less light than the frame without them, it shows something else.
     let [converged, _] = truth.halves();
     assert_eq!(darker(converged, truth.without()), 0.0);
     let variant = Variant::new("reference");
     techniques::show_reflections(&mut runner.app, false);
     runner.prepare(&variant).unwrap();
-    // Further runs start from a scene that was stopped at that time, and not from nothing.
+    // Further runs start from a scene that was stopped at that time, and not from an empty one.
     for run in 0..2 {
         runner.move_to_view(0, &variant, run).unwrap();
         let frame = runner.capture_luminance().unwrap();
@@ -69,7 +69,7 @@ fn frame_and_truth_show_the_same_instant() {
     // Time is stopped until it is moved.
     runner.step(3);
     assert_eq!(differing(&runner.capture_luminance().unwrap(), truth.without()), 0.0);
-    // One frame more of the things that move, and the same camera: that must show.
+    // Animation one frame later with the same camera: the difference must be visible.
     let seconds = runner.scene.view(0);
     runner.pose_apart(seconds, seconds + TIME_STEP);
     runner.step(1);

@@ -1,4 +1,4 @@
-//! The process that measures: one app with one scene, in which techniques take turns.
+//! The measuring process: one app with one scene, in which techniques take turns.
 
 mod ground_truth;
 mod images;
@@ -13,8 +13,8 @@ mod writer;
 use crate::job::Job;
 use runner::Runner;
 
-/// Measures everything of a job that isn't there yet, and writes it down piece by piece. A technique that fails is written down, and the
-/// others go on; fails if the scene can't be measured at all.
+/// Measures the missing parts of a job, and records them piece by piece. If a technique fails, that is recorded, too, and the others
+/// continue. Fails if the scene can't be measured at all.
 pub fn work(job: &Job) -> Result<(), String> {
     let mut runner = Runner::start(job)?;
     runner.ground_truths()?;
@@ -74,7 +74,7 @@ mod tests {
         assert!(store.is_complete(&job));
         let truth: TrueSums = read_json(&store.true_sums(0)).unwrap();
         assert!(truth.pixels > 500, "{} pixels count", truth.pixels);
-        // Nothing but the named shapes reflects.
+        // Only the named shapes reflect.
         assert_eq!(truth.names.len(), 15, "{:?}", truth.names);
         let light = |named: bool| -> f64 {
             let cells = truth.objects.iter().zip(&truth.halves[0]);

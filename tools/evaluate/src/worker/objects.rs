@@ -28,7 +28,7 @@ impl NamedBox {
 }
 
 impl Runner<'_> {
-    /// The named objects that the camera sees, at these distances from it. None by an orthographic camera.
+    /// The named objects that the camera sees, at these distances from it. An orthographic camera sees none of them.
     pub fn objects(&mut self, distance: &[f32]) -> Objects {
         let boxes = named_boxes(self.app.world());
         let world = self.app.world();

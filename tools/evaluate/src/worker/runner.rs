@@ -38,7 +38,7 @@ use std::{
 const FRAME_LIMIT: u32 = 20_000;
 /// Limit of time for building a scene, or compiling a technique.
 const PATIENCE: Duration = Duration::from_secs(600);
-/// Frames in a row in which nothing was built: then the scene is complete.
+/// Consecutive frames without builds after which the scene is complete.
 const QUIET_FRAMES: u32 = 8;
 /// Seconds from frame to frame.
 pub const TIME_STEP: f32 = 1.0 / 60.0;
@@ -50,7 +50,7 @@ pub struct Runner<'a> {
     pub app: HeadlessApp,
     pub scene: MeasuredScene,
     pub camera: Entity,
-    /// Times that decide where the camera is, and all that moves by itself.
+    /// Times that determine the place of the camera, and of all animated objects.
     seconds: Option<(f32, f32)>,
     /// Techniques with compiled pipelines.
     compiled: BTreeSet<String>,
@@ -144,7 +144,7 @@ impl<'a> Runner<'a> {
         status.map(ReflectionStatus::report).unwrap_or_default()
     }
 
-    /// Renders until every mesh can be hit, and writes down the facts of the scene.
+    /// Renders until rays can hit every mesh, and records the facts of the scene.
     fn wait_for_scene(&mut self) -> Result<(), String> {
         let start = Instant::now();
         self.switch(&Variant::new("reference"))?;
@@ -229,7 +229,7 @@ impl<'a> Runner<'a> {
         self.pose_apart(seconds, seconds);
     }
 
-    /// Puts the camera where it is after some seconds, and everything that moves where it is at another time.
+    /// Moves the camera to its place at one time, and everything else to its place at another time.
     pub fn pose_apart(&mut self, camera_seconds: f32, seconds: f32) {
         let start = self.scene.start();
         let times = (camera_seconds.max(start), seconds.max(start));
@@ -278,7 +278,7 @@ impl<'a> Runner<'a> {
         Ok(())
     }
 
-    /// No technique, at a place, as if nothing had happened before.
+    /// Switches every technique off, at a place, without any past.
     pub fn clear(&mut self, seconds: f32) -> Result<(), String> {
         self.switch(&Variant::new("off"))?;
         self.pose(seconds);
@@ -301,13 +301,13 @@ impl<'a> Runner<'a> {
         Ok(luminance(&texels))
     }
 
-    /// Begins to work on a technique: it is to blame if the process dies.
+    /// Starts work on a technique, which is to blame if the process dies.
     pub fn begin(&self, variant: &Variant, doing: String) -> Result<(), String> {
         Message::Doing(doing).send();
         write_json(&self.store.current(), &variant.id())
     }
 
-    /// Ends the work on techniques: none is to blame any more.
+    /// Ends the work on techniques, so that none is to blame any more.
     pub fn end(&self) {
         _ = std::fs::remove_file(self.store.current());
     }

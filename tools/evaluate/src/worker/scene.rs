@@ -1,4 +1,5 @@
-//! Scenes of the measurement: they can be spawned, and have a camera path and views along it. No other place knows where scenes come from.
+//! Scenes of the measurement: they can be spawned, and have a camera path and views along it. Only this module depends on the origin of
+//! scenes.
 
 use crate::{job::SceneSource, protocol::Protocol};
 use bevy::{
@@ -11,25 +12,25 @@ use glint_scenes::{
 };
 use std::{f32::consts::TAU, fs, path::Path};
 
-/// Seconds that the camera takes for a loop in a glTF file.
+/// Seconds of the camera's loop in a glTF file.
 const LOOP_SECONDS: f32 = 24.0;
-/// Seconds that it takes for a loop through each of several places.
+/// Seconds of a loop at each of several places.
 const PLACE_SECONDS: f32 = 8.0;
-/// Part of the scene's radius that the camera moves to each side in a glTF file: little, so that it stays in rooms.
+/// Fraction of the scene's radius that the camera moves to each side in a glTF file: little, so that it stays in rooms.
 const REACH: f32 = 0.03;
 /// Metres that the camera moves to each side of a place in a built-in scene.
 const BUILT_IN_REACH: f32 = 0.5;
-/// Files that are looked at around a glTF file to see whether it has changed.
+/// Maximum number of files around a glTF file that are checked for changes.
 const MAX_FILES: usize = 4096;
 
-/// A place of the camera, with a projection of its own if it has one.
+/// A place of the camera, with its own projection if it has one.
 type Place = (Transform, Option<Projection>);
 
 /// The camera's route.
 enum Route {
     /// The path of a built-in scene.
     BuiltIn(CameraPath),
-    /// A small loop around each of some places, in metres and seconds. Views take turns on the places; in the middle of its loop the
+    /// A small loop around each of some places, in metres and seconds. Views take turns on the places. In the middle of its loop the
     /// camera passes through the place.
     Loops {
         places: Vec<Place>,
@@ -50,7 +51,7 @@ pub struct MeasuredScene {
     views: u32,
     /// Edge of shadow maps in texels.
     shadow_size: u32,
-    /// The most shadow maps of a directional light.
+    /// Maximum number of shadow maps of a directional light.
     cascades: u32,
 }
 
@@ -92,7 +93,7 @@ impl MeasuredScene {
         camera
     }
 
-    /// Makes shadow maps as large and as many as the protocol says; of the maps of a directional light the farthest stays.
+    /// Applies the size and number of shadow maps from the protocol. Of the maps of a directional light the farthest one stays.
     fn limit_shadows(&self, world: &mut World) {
         let (size, most) = (self.shadow_size as usize, self.cascades as usize);
         world.insert_resource(DirectionalLightShadowMap { size });
@@ -106,8 +107,8 @@ impl MeasuredScene {
         }
     }
 
-    /// Places the camera of a glTF file, once it is loaded, and lights it if it has no lights. Without a position or a path, it uses the
-    /// file's own cameras; returns a remark about that, if any.
+    /// Places the camera of a glTF file, once it is loaded, and adds light if the file has none. Without a position or a path, it uses the
+    /// file's own cameras. Returns a remark about that, if any.
     pub fn arrange(&mut self, app: &mut HeadlessApp, camera: Entity) -> Result<Option<String>, String> {
         let SceneSource::File(file) = &self.source else {
             return Ok(None);
@@ -172,7 +173,7 @@ impl MeasuredScene {
         }
     }
 
-    /// The camera's projection at a time, where it isn't the same for the whole route.
+    /// The camera's projection at a time, if it isn't the same for the whole route.
     pub fn projection(&self, time: f32) -> Option<&Projection> {
         let Route::Loops { places, seconds, .. } = &self.route else {
             return None;
@@ -185,7 +186,7 @@ impl MeasuredScene {
     pub fn view(&self, index: u32) -> f32 {
         let whole = |index: u32, views: u32| (index as f32 + 0.5) / views as f32;
         match &self.route {
-            // Views take turns on the places, and those of one place are spread over its loop.
+            // Views take turns on the places, and the views of one place are spread over its loop.
             Route::Loops { places, seconds, .. } if places.len() > 1 => {
                 let count = places.len() as u32;
                 let (place, turn) = (index % count, index / count);
@@ -248,20 +249,20 @@ fn route(name: Option<SceneName>, protocol: &Protocol) -> Result<Route, String> 
     })
 }
 
-/// A place for each view, or for each camera of a file if they are fewer: places without a view must not be timed.
+/// A place for each view, or for each camera of a file if there are fewer: places without a view must not be timed.
 fn places_of(cameras: Vec<(Transform, Projection)>, views: usize) -> impl Iterator<Item = Place> {
     let cameras = cameras.into_iter().take(views);
     cameras.map(|(transform, projection)| (transform, Some(projection)))
 }
 
-/// Index of a loop and the part of it that is over, after so many loops of as many places; the last one ends the route.
+/// Index of a loop and its finished fraction, after `loops` loops at `places` places. The last one ends the route.
 fn loop_at(places: usize, loops: f32) -> (usize, f32) {
     let loops = if loops.is_nan() { 0.0 } else { loops.max(0.0) };
     let index = (loops as usize).min(places.saturating_sub(1));
     (index, (loops - index as f32).min(1.0))
 }
 
-/// Sizes and dates of all files below a folder: buffers and textures lie beside a glTF file.
+/// Sizes and dates of all files below a folder, because buffers and textures lie beside a glTF file.
 fn describe(folder: &Path, files: &mut Vec<String>) {
     let Ok(entries) = fs::read_dir(folder) else {
         return;
@@ -284,7 +285,7 @@ fn describe(folder: &Path, files: &mut Vec<String>) {
     }
 }
 
-/// A loop with a turn of the head, from 0 to 1 and back to where it began.
+/// A loop with a turn of the head, from 0 to 1 and back to its start.
 fn around(base: Transform, reach: f32, t: f32) -> Transform {
     let angle = TAU * t;
     let offset = base.right() * (reach * ops::sin(angle)) + base.up() * (0.3 * reach * ops::sin(2.0 * angle));

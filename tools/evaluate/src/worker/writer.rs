@@ -31,7 +31,7 @@ impl ImageWriter {
 
     /// Writes an image.
     pub fn save(&self, file: PathBuf, image: RgbImage) {
-        // A thread that has failed doesn't listen, and says why in the end.
+        // A failed thread receives nothing, and returns its reason in the end.
         _ = self.sender.send(Work::Save(file, image));
     }
 

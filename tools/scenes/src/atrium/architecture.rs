@@ -18,7 +18,7 @@ pub fn build(scene: &mut SceneBuilder, m: &Materials, detail: f32, richness: Ric
         Richness::Plain => props::column(g, LOWER_SPRING, 0.27, segments(14, detail)),
         Richness::Rich => carving::fluted_column(g, LOWER_SPRING, 0.27, detail),
     });
-    // The upper ones take turns.
+    // The upper capitals alternate.
     let upper = match richness {
         Richness::Plain => {
             let column = scene.shape(|g| props::column(g, UPPER_SPRING, 0.19, segments(10, detail)));
@@ -49,7 +49,7 @@ pub fn build(scene: &mut SceneBuilder, m: &Materials, detail: f32, richness: Ric
             scene.place(&arches[1], &m.smooth, side.at(x, UPPER_FLOOR + UPPER_SPRING, 0.0));
             scene.place(&balustrade, &m.smooth, side.at(x, UPPER_FLOOR, 0.0));
             scene.place(&vault, &m.plaster, side.at(x, 0.0, -0.5 * WALK));
-            // One column per bay: its left end; so each corner of the court gets one.
+            // One column per bay, at its left end, so each corner of the court gets one.
             let left = x - 0.5 * side.bay;
             scene.place(&lower, &m.smooth, side.at(left, 0.0, 0.0));
             scene.place(&upper[(i % 2) as usize], &m.smooth, side.at(left, UPPER_FLOOR, 0.0));
@@ -60,7 +60,7 @@ pub fn build(scene: &mut SceneBuilder, m: &Materials, detail: f32, richness: Ric
         scene.place(&kerb, &m.smooth, side.transform);
         let belt = scene.shape(|g| cornice(g, run + 0.6, 0.34, 0.16, 1));
         scene.place(&belt, &m.smooth, side.at(0.0, UPPER_FLOOR - 0.17, 0.31));
-        // Brackets take the place of the dentils.
+        // Brackets replace the dentils.
         let dentils = richness.choose((run / 0.42) as u32, 0);
         let eaves = scene.shape(|g| cornice(g, run + 1.2, 0.42, 0.38, dentils));
         scene.place(&eaves, &m.smooth, side.at(0.0, EAVES - 0.2, 0.25));
@@ -118,7 +118,7 @@ fn shell(scene: &mut SceneBuilder, m: &Materials, paving: f32) {
     scene.place(&ground, &m.floor, Transform::IDENTITY);
     for side in &sides() {
         let run = side.bay * side.bays as f32;
-        // The long sides take the corners.
+        // The long sides include the corners.
         let reach = if side.bays == LONG_BAYS { run + 2.0 * WALK } else { run };
         let floor = scene.shape(|g| {
             g.cuboid(

@@ -26,7 +26,7 @@ pub fn fluted_column(g: &mut Geometry, height: f32, radius: f32, detail: f32) {
     let samples = ((4.0 * detail).round() as u32).max(2);
     let uv = vec2(1.0, 0.5 * (high - low));
     g.surface(FLUTES * samples, segments(6, detail), uv, |u, v| {
-        // Rows lie closer at the ends, where the flutes run out.
+        // Rows are closer at the ends, where the flutes run out.
         let along = v - 0.14 * ops::sin(TAU * v);
         let fade = smooth(0.0, 0.05, along) * smooth(1.0, 0.95, along);
         let groove = ops::sin(PI * FLUTES as f32 * u).abs();
@@ -92,7 +92,7 @@ pub fn faceted_column(g: &mut Geometry, height: f32, radius: f32, detail: f32) {
     }
 }
 
-/// Base and capital of a slender column; returns where its shaft begins and ends.
+/// Adds base and capital of a slender column. Returns the heights at which its shaft begins and ends.
 fn colonnette(g: &mut Geometry, height: f32, radius: f32, detail: f32) -> (f32, f32) {
     let r = radius;
     let low = base(g, r, segments(14, detail));
@@ -154,7 +154,7 @@ fn leaves(g: &mut Geometry, y: f32, r: f32, length: f32, curl: f32, offset: f32,
     }
 }
 
-/// A scrolled bracket on a wall at z = 0: from y = 0 up to `height`, where it stands out by `depth`.
+/// A scrolled bracket on a wall at z = 0: from y = 0 up to `height`, where it protrudes by `depth`.
 pub fn bracket(g: &mut Geometry, width: f32, height: f32, depth: f32, rows: u32) {
     let out = |v: f32| depth * (0.16 + 0.84 * v.max(0.0) * v.max(0.0) + 0.12 * ops::sin(1.5 * TAU * v));
     let half = 0.5 * width;

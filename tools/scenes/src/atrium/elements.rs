@@ -8,7 +8,7 @@ use bevy::{
 };
 use std::f32::consts::PI;
 
-/// A round arch over one bay, from its springing at y = 0 to a straight top: `pier` is half the width of the pier that it stands on.
+/// A round arch over one bay, from its springing at y = 0 to a straight top. `pier` is half the width of the pier below it.
 pub fn arch(g: &mut Geometry, bay: f32, pier: f32, thickness: f32, height: f32, steps: u32) {
     let half = 0.5 * bay;
     let r = half - pier;
@@ -45,7 +45,7 @@ pub fn arch(g: &mut Geometry, bay: f32, pier: f32, thickness: f32, height: f32, 
     g.surface(steps, 1, vec2(PI * r * 0.5, thickness * 0.5), |u, v| {
         sweep(u, r, (0.5 - v) * thickness)
     });
-    // Mouldings that stand out around the opening, on both faces.
+    // Mouldings that protrude around the opening, on both faces.
     let round = |v: f32| (0.10 - 0.075 * ops::cos(v * PI), 0.045 * ops::sin(v * PI));
     g.surface(steps, 4, vec2(PI * r * 0.5, 0.1), |u, v| {
         let (out, depth) = round(v);
@@ -104,7 +104,7 @@ pub fn balustrade(g: &mut Geometry, width: f32, detail: f32) {
     }
 }
 
-/// A moulding along x that stands out towards +z, with `blocks` dentils below it.
+/// A moulding along x that protrudes towards +z, with `blocks` dentils below it.
 pub fn cornice(g: &mut Geometry, length: f32, height: f32, depth: f32, blocks: u32) {
     let profile = [
         (0.0, 0.0),

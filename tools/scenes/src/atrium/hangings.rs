@@ -32,7 +32,7 @@ fn cloth(scene: &mut SceneBuilder, m: &Materials, size: u32, detail: f32) {
         for x in [-0.6, 0.6] {
             g.sphere(Vec3::X * x, 0.055, segments(10, detail), Vec2::ONE);
         }
-        // The hook that holds it to the wall above the column.
+        // The hook that fixes it to the wall above the column.
         let hook = [
             Vec3::ZERO,
             vec3(0.0, 0.3, 0.0),
@@ -136,7 +136,7 @@ fn chain(g: &mut Geometry, links: u32, detail: f32, line: impl Fn(f32) -> Vec3) 
             Transform {
                 translation: 0.5 * (from + to),
                 rotation: along * Quat::from_rotation_x(turn),
-                // Long enough to hold the next link.
+                // Long enough to contain the next link.
                 scale: vec3(0.5 * step.length() / (radius - wire), 1.0, 1.0),
             },
         );

@@ -25,7 +25,7 @@ pub fn build(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
             scene.place(&ribs, &m.smooth, side.at(x, 0.0, -0.5 * WALK));
             let crown = LOWER_SPRING + 0.5 * side.bay - 0.30;
             scene.place(&keystone, &m.smooth, side.at(x, crown - 0.04, LOWER_FACE));
-            // Between two arches; there is none at the corners.
+            // Between two arches, but not at the corners.
             if i > 0 {
                 let left = x - 0.5 * side.bay;
                 scene.place(&rosette, &m.gilt, side.at(left, LOWER_SPRING + 1.3, LOWER_FACE));

@@ -16,7 +16,7 @@ use bevy::{
 };
 use std::f32::consts::PI;
 
-/// The glowing ring and tubes with the lights that they stand for.
+/// The glowing ring and tubes with the lights that represent their light.
 pub fn neon(scene: &mut SceneBuilder, fine: f32) {
     let ring = scene.shape(|g| g.torus(0.95, 0.032, segments(96, fine), segments(16, fine)));
     let inner = scene.shape(|g| g.torus(0.74, 0.02, segments(96, fine), segments(12, fine)));

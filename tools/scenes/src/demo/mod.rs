@@ -1,4 +1,4 @@
-//! The demo: what reflections are for, in one picture.
+//! The demo: typical uses of reflections in one image.
 
 mod glowing;
 

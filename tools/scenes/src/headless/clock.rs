@@ -1,6 +1,6 @@
 //! Times each system that a plugin adds to the render app.
 //!
-//! It is time of the thread on a processor: what else the machine does counts as little as possible.
+//! It is CPU time of the thread, so other work of the machine has little influence.
 
 use bevy::{
     core_pipeline::schedule::Core3d,
@@ -28,7 +28,7 @@ struct Span {
     nanoseconds: Arc<AtomicU64>,
 }
 
-/// Time that a plugin's systems took in the render app, extraction included, since it was asked last.
+/// Time of a plugin's systems in the render app, extraction included, since the last query.
 #[derive(Clone, Default)]
 pub struct SystemClock(Arc<Mutex<Vec<Span>>>);
 
@@ -40,7 +40,7 @@ impl SystemClock {
             .add_plugins(After(known, self.clone()));
     }
 
-    /// Name and milliseconds of each system, from now on counted anew.
+    /// Returns the name and the milliseconds of each system, and restarts the count.
     pub fn take(&self) -> Vec<(String, f64)> {
         let spans = self.spans();
         let milliseconds = |span: &Span| span.nanoseconds.swap(0, Ordering::Relaxed) as f64 * 1e-6;
@@ -87,7 +87,7 @@ fn now() -> Duration {
     ThreadTime::now().as_duration()
 }
 
-/// Time that reading the time takes: a call of the operating system.
+/// Time of a clock query itself: a call of the operating system.
 fn overhead() -> Duration {
     let mut times: Vec<Duration> = (0..101)
         .map(|_| {
@@ -104,7 +104,7 @@ fn overhead() -> Duration {
 struct Known(Arc<Mutex<HashSet<(InternedScheduleLabel, SystemKey)>>>);
 
 impl Known {
-    /// Visits each system of the render app that was not here before.
+    /// Visits each system of the render app that is new.
     fn visit(&self, app: &mut App, mut visit: impl FnMut(&mut SystemWithAccess)) {
         let Some(render_app) = app.get_sub_app_mut(RenderApp) else {
             return;
@@ -128,7 +128,7 @@ impl Known {
     }
 }
 
-/// Stands before the plugin, so that it is built and finished before it.
+/// Comes before the plugin, so that it is built and finished before it.
 struct Before(Known);
 
 impl Plugin for Before {
@@ -141,7 +141,7 @@ impl Plugin for Before {
     }
 }
 
-/// Stands behind the plugin: the systems that came meanwhile are the plugin's.
+/// Comes after the plugin: the systems added in between are the plugin's.
 struct After(Known, SystemClock);
 
 impl Plugin for After {

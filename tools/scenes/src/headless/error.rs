@@ -9,7 +9,7 @@ pub enum HeadlessError {
     NoRenderer,
     /// Pipelines or assets did not become ready within the given number of frames.
     NotReady(u32),
-    /// The app has ended by itself, which Bevy has it do after errors of the renderer.
+    /// The app has exited by itself, as Bevy does after errors of the renderer.
     Ended,
     /// An asset failed to load.
     Asset(String),

@@ -1,4 +1,4 @@
-//! Keeps what Bevy, wgpu and the library log, instead of printing it.
+//! Captures the log messages of Bevy, wgpu and the library, instead of printing them.
 
 use bevy::log::{
     Level,
@@ -18,7 +18,7 @@ use std::{
     sync::{Mutex, MutexGuard, Once, PoisonError},
 };
 
-/// Messages that are kept; a long run must not fill the memory.
+/// Maximum number of kept messages: a long run must not fill the memory.
 const MAX_MESSAGES: usize = 4096;
 
 static MESSAGES: Mutex<Vec<LogMessage>> = Mutex::new(Vec::new());
@@ -44,8 +44,8 @@ impl fmt::Display for LogMessage {
     }
 }
 
-/// Keeps the warnings and errors of this process from now on; further calls do nothing. A process has one logger: call this before any app
-/// with [`HeadlessSettings::log`](super::HeadlessSettings::log), and nothing is kept if another logger is installed.
+/// Captures the warnings and errors of this process from now on; further calls do nothing. A process has one logger: call this before any
+/// app with [`HeadlessSettings::log`](super::HeadlessSettings::log). It captures nothing if another logger is installed.
 pub fn capture_log() {
     static INSTALLED: Once = Once::new();
     INSTALLED.call_once(|| _ = tracing::subscriber::set_global_default(Registry::default().with(Capture)));

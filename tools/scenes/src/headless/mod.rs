@@ -79,9 +79,9 @@ pub struct HeadlessSettings {
     pub timestep: Duration,
     /// Folder of assets, if not Bevy's default.
     pub assets: Option<String>,
-    /// Prints what is logged. A process has one logger: of several apps, let one log, and none beside [`capture_log`].
+    /// Prints log messages. A process has one logger: let only one of several apps log, and none in a process with [`capture_log`].
     pub log: bool,
-    /// Features and limits of the graphics device; fewer and lower ones stand for lesser devices.
+    /// Features and limits of the graphics device. Fewer and lower ones simulate weaker devices.
     pub device: WgpuSettings,
     /// Compiles each pipeline in the frame that needs it first. Otherwise frames go on without the pipeline, as in a window.
     pub synchronous_pipelines: bool,
@@ -101,10 +101,9 @@ impl Default for HeadlessSettings {
     }
 }
 
-/// A graphics device without the features that browsers lack, and with the limits of WebGPU but for the storage buffers in a shader stage, of
-/// which most devices have 10, and for four sampled textures: native builds bind the density of fog and the tables of the
-/// medium of an atmosphere, pages don't.
-/// Features of texture formats stay: Bevy takes them from the adapter, whatever the device has.
+/// A graphics device without the features that browsers lack, and with the limits of WebGPU except for two: the storage buffers in a shader
+/// stage, of which most devices have 10, and four sampled textures, because native builds bind the density of fog and the tables of the
+/// medium of an atmosphere and pages don't. Features of texture formats stay: Bevy takes them from the adapter, whatever the device has.
 #[must_use]
 pub fn browser_device() -> WgpuSettings {
     let formats = WgpuFeatures::TEXTURE_ADAPTER_SPECIFIC_FORMAT_FEATURES;
@@ -119,7 +118,7 @@ pub fn browser_device() -> WgpuSettings {
     }
 }
 
-/// An app without a window that is stepped by hand. It renders on the thread that steps it, so that every frame is complete when
+/// An app without a window that is stepped by hand. It renders on the calling thread, so that every frame is complete when
 /// [`step`](Self::step) returns.
 pub struct HeadlessApp {
     app: App,
@@ -162,13 +161,13 @@ fn add_bevy(app: &mut App, settings: &HeadlessSettings) {
 }
 
 impl HeadlessApp {
-    /// Builds the app: Bevy's default plugins without a window, then what `add` adds.
+    /// Builds the app: Bevy's default plugins without a window, then the additions of `add`.
     pub fn new(settings: HeadlessSettings, add: impl FnOnce(&mut App)) -> Result<Self, HeadlessError> {
         Self::with_device(settings, |_| {}, add)
     }
 
-    /// The same, with `before` for what must come before Bevy's plugins, such as `HardwareVrsPlugin`: plugins that decide how the graphics
-    /// device is opened.
+    /// Like [`new`](Self::new), with `before` for plugins that must come before Bevy's plugins because they configure the graphics device,
+    /// such as `HardwareVrsPlugin`.
     pub fn with_device(
         mut settings: HeadlessSettings,
         before: impl FnOnce(&mut App),
@@ -221,7 +220,7 @@ impl HeadlessApp {
         readback::resource(self.render_world()?)
     }
 
-    /// `Ended` once the app has asked to exit: nothing is rendered any more.
+    /// Returns `Ended` once the app has requested to exit, after which nothing is rendered.
     pub fn check(&self) -> Result<(), HeadlessError> {
         match self.app.should_exit() {
             Some(_) => Err(HeadlessError::Ended),
@@ -253,8 +252,8 @@ impl HeadlessApp {
         self.world().resource_mut::<Assets<Image>>().add(image).into()
     }
 
-    /// Spawns a camera that draws into the target: HDR, deferred, without multisampling or dithering. `extra` may override all of that, the
-    /// target included.
+    /// Spawns a camera that draws into the target: HDR, deferred, without multisampling or dithering. `extra` can override all of that,
+    /// including the target.
     pub fn spawn_camera(&mut self, extra: impl Bundle) -> Entity {
         let view = (
             Camera3d::default(),
@@ -264,7 +263,7 @@ impl HeadlessApp {
             Msaa::Off,
             DebandDither::Disabled,
         );
-        // Without a window nothing else says for whom shadows are drawn.
+        // Without a window only this component makes Bevy draw shadows.
         let camera = (view, DepthPrepass, DeferredPrepass, ShadowLodOrigin);
         let entity = self.world().spawn(camera).id();
         self.world().entity_mut(entity).insert(extra);
@@ -284,12 +283,12 @@ impl HeadlessApp {
         entity
     }
 
-    /// Renders until all pipelines are compiled and all glTF files are loaded, with the clock standing still, then sets the frame counter
-    /// to zero. Gives up after `limit` frames.
+    /// Renders until all pipelines are compiled and all glTF files are loaded, with the clock stopped, then sets the frame counter to zero.
+    /// Gives up after `limit` frames.
     pub fn warm_up(&mut self, limit: u32) -> Result<(), HeadlessError> {
         self.world().resource_mut::<Time<Virtual>>().pause();
         let mut ready = 0;
-        // Loaded assets can bring new pipelines a frame or two later: be sure that nothing follows.
+        // Loaded assets can bring new pipelines a frame or two later, so wait until no more follow.
         const QUIET_FRAMES: u32 = 4;
         let mut frames = 0;
         while ready < QUIET_FRAMES {
@@ -330,7 +329,7 @@ impl HeadlessApp {
         let server = world.resource::<AssetServer>();
         for (root, instance) in roots.iter(world) {
             if let Some(LoadState::Failed(reason)) = server.get_load_state(root.0.id()) {
-                // A backtrace may follow.
+                // A backtrace can follow.
                 let reason = reason.to_string();
                 let reason = reason.lines().next().unwrap_or_default();
                 return Err(HeadlessError::Asset(reason.to_owned()));
@@ -375,8 +374,8 @@ impl HeadlessApp {
         Ok(decode_halves(&self.read_output(Output::Linear)?))
     }
 
-    /// Linear radiance, exposed, that a camera's last frame had before tone mapping, whatever the output. Tone mapping must be the last
-    /// effect of an HDR camera: it writes into the other one of the two textures that effects take turns on, and leaves its source alone.
+    /// Exposed linear radiance of a camera's last frame before tone mapping, whatever the output. Tone mapping must be the last effect of
+    /// an HDR camera: it writes into the other one of the two textures that effects alternate between, and doesn't change its source.
     pub fn capture_before_tone_mapping(&mut self, camera: Entity) -> Result<Vec<[f32; 4]>, HeadlessError> {
         self.check()?;
         let fail = |reason: &str| HeadlessError::Readback(reason.to_owned());
@@ -398,7 +397,7 @@ impl HeadlessApp {
         Ok(decode_halves(&read_texture(render_world, texture)?))
     }
 
-    /// Writes the image as PNG (or what the extension says and Bevy was built with).
+    /// Writes the image as PNG (or as its extension says, if Bevy was built with that format).
     pub fn save(&self, path: &Path) -> Result<(), HeadlessError> {
         save_picture(self.settings.size, self.capture()?, path)
     }

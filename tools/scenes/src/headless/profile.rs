@@ -4,10 +4,10 @@ use super::{HeadlessApp, readback};
 use bevy::render::render_resource::{CachedPipelineState, PipelineCache};
 use std::{env, fmt, fs::OpenOptions, io::Write, thread};
 
-/// Environment variable with the path of the file. Apps write nothing without it.
+/// Environment variable with the path of the file. Without it apps write nothing.
 const FILE: &str = "GLINT_TEST_PROFILE";
 
-/// Notes that this test left out a variant, which the long tests run instead.
+/// Notes that this test skipped a variant, which the long tests run instead.
 pub fn note_left_out(variant: &str) {
     write(format_args!("left out\t{variant}"));
 }

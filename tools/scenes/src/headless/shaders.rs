@@ -1,4 +1,4 @@
-//! Shader modules of a crate, exchanged while an app runs: versions of shaders can be compared without building anew.
+//! Replaces shader modules of a crate while an app runs, so that versions of shaders can be compared without rebuilding.
 
 use super::{HeadlessApp, HeadlessError};
 use bevy::{
@@ -10,17 +10,17 @@ use std::{
     path::{Path, PathBuf},
 };
 
-/// Frames that loading a module may take.
+/// Maximum number of frames for loading a module.
 const FRAME_LIMIT: u32 = 4000;
 
-/// A shader module, and what was in its place.
+/// A shader module, and the module that it replaced.
 pub struct ReplacedShader {
     handle: Handle<Shader>,
     original: Shader,
 }
 
 impl HeadlessApp {
-    /// Puts the files of a folder in the place of a crate's embedded shader modules of the same path. Returns what they replaced.
+    /// Replaces a crate's embedded shader modules by the files of a folder with the same path. Returns the replaced modules.
     pub fn replace_shaders(&mut self, of_crate: &str, folder: &Path) -> Result<Vec<ReplacedShader>, HeadlessError> {
         let fail =
             |path: &Path, error: &dyn std::fmt::Display| HeadlessError::Asset(format!("{}: {error}", path.display()));
@@ -51,7 +51,7 @@ impl HeadlessApp {
     }
 
     fn insert_shader(&mut self, handle: &Handle<Shader>, shader: Shader) {
-        // A handle that is held can't be of an asset that is gone.
+        // An asset with a live handle still exists.
         _ = self
             .world()
             .resource_mut::<Assets<Shader>>()

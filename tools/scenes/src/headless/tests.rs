@@ -65,7 +65,7 @@ fn the_same_frame_looks_the_same_on_a_lesser_device() {
     assert!(colours.len() > 4, "only {} colours", colours.len());
     let again = picture(SceneName::MirrorRoom, settings(Output::Picture));
     assert!(first == again, "the same frame twice");
-    // A lesser device, whose pipelines compile beside the frames.
+    // A weaker device that compiles pipelines in the background.
     let lesser = HeadlessSettings {
         device: WgpuSettings {
             disabled_features: Some(WgpuFeatures::TIMESTAMP_QUERY),
@@ -97,7 +97,7 @@ fn unlit_colours_arrive_as_they_were_given() {
         .count();
     assert!(red > 20, "{red} red pixels");
     assert!(matches!(app.capture(), Err(HeadlessError::Readback(_))));
-    // So they do before tone mapping.
+    // The same light before tone mapping.
     let mut shown = HeadlessApp::new(settings(Output::Picture), |_| {}).unwrap();
     let camera = shown.spawn_scene(SceneName::MirrorRoom, &default());
     for curve in [Tonemapping::None, Tonemapping::TonyMcMapface] {
@@ -108,7 +108,7 @@ fn unlit_colours_arrive_as_they_were_given() {
             "{curve:?}"
         );
     }
-    // A second camera with a target of its own sees nothing but the background.
+    // A second camera with its own target sees only the background.
     let small = app.add_target(UVec2::new(3, 2), Output::Linear);
     let background = Camera {
         clear_color: Color::linear_rgb(0.25, 0.5, 4.0).into(),
@@ -144,7 +144,7 @@ fn files_load_and_missing_ones_are_errors() {
     std::fs::remove_dir_all(&folder).unwrap();
 }
 
-/// Tools that wait for a picture must not wait for ever.
+/// Tools that wait for an image must not wait forever.
 fn an_app_that_has_ended_shows_no_picture() {
     let mut app = HeadlessApp::new(settings(Output::Picture), |_| {}).unwrap();
     app.step(2);

@@ -1,4 +1,4 @@
-//! Casts of the places, along the ways of their cameras: nobody walks through a camera, and each view has something that moves before it.
+//! Casts of the places, along the paths of their cameras: no walker passes through a camera, and each view has a moving object before it.
 
 use super::{Cast, Door, Flame, Pendulum, Shuttle, Walker};
 use bevy::{

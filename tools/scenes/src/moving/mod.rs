@@ -1,5 +1,5 @@
-//! Things that move through the places: people who walk, a van, doors, a lamp on a pendulum, a light that flickers, and balls that roll.
-//! Their poses are pure functions of the time.
+//! Objects that move through the places: people who walk, a van, doors, a lamp on a pendulum, a light that flickers, and balls that
+//! roll. Their poses are pure functions of the time.
 
 mod casts;
 mod shapes;
@@ -24,7 +24,7 @@ use bevy::{
     transform::components::Transform,
 };
 
-/// Somebody who walks around an ellipse.
+/// A person who walks around an ellipse.
 pub struct Walker {
     center: Vec3,
     /// Half axes along x and z.
@@ -35,7 +35,7 @@ pub struct Walker {
     coat: Color,
 }
 
-/// A thing that goes to and fro.
+/// An object that goes to and fro.
 pub struct Shuttle {
     from: Vec3,
     to: Vec3,
@@ -57,9 +57,9 @@ pub struct Door {
 pub struct Pendulum {
     pivot: Vec3,
     length: f32,
-    /// Half of the wire from which it hangs; none where there is a ceiling.
+    /// Half of its wire; none if there is a ceiling.
     half_wire: Option<Vec3>,
-    /// Axis about which it swings.
+    /// The axis of its swing.
     axis: Vec3,
     lumens: f32,
     rate: f32,
@@ -108,7 +108,7 @@ fn mover(scene: &mut SceneBuilder, motion: Motion, start: Transform) -> Entity {
     scene.add((motion, start, Visibility::default()))
 }
 
-/// Makes a thing that was placed a part of another one, in whose space it then is.
+/// Makes a placed object a part of another one, in whose space it then lies.
 fn attach(scene: &mut SceneBuilder, part: Entity, to: Entity) {
     scene.world.entity_mut(part).insert(ChildOf(to));
 }

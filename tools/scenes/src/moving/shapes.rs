@@ -1,4 +1,4 @@
-//! Shapes of the things that move.
+//! Shapes of the moving objects.
 
 use crate::geometry::{Geometry, segments};
 use bevy::{
@@ -113,7 +113,7 @@ pub fn ball(g: &mut Geometry, radius: f32, detail: f32) {
     g.sphere(Vec3::ZERO, radius, segments(48, detail), vec2(2.0, 1.0));
 }
 
-/// Two hoops of paint on a ball, which show how it rolls.
+/// Two hoops of paint on a ball, which make its rolling visible.
 pub fn bands(g: &mut Geometry, radius: f32, detail: f32) {
     let mut hoop = Geometry::default();
     hoop.torus(radius, 0.02, segments(40, detail), 6);
@@ -167,7 +167,7 @@ pub fn cord(g: &mut Geometry, length: f32, detail: f32) {
         p(0.05, 0.17),
         p(0.0, 0.17),
     ];
-    // Lathes run from bottom to top: this one goes around its rim, so it is given from the inside out.
+    // Lathes run from bottom to top. This one goes around its rim, so its points run from the inside out.
     let around: Vec<Vec2> = shade.into_iter().rev().collect();
     g.lathe(&around, segments(24, detail), Vec2::ONE);
 }

@@ -164,12 +164,12 @@ fn every_scene_has_a_path() {
         let (start, projection) = camera(name);
         assert!(path.seconds > 0.0 && path.points.len() > 2, "{name}");
         assert_eq!(projection.far, path.far);
-        // It begins where the camera stands, and rests before and after.
+        // It begins at the camera's place, and doesn't move before the start and after the end.
         for seconds in [0.0, -1.0, f32::NAN, f32::NEG_INFINITY] {
             assert_eq!(path.pose(seconds), start, "{name}: {seconds}");
         }
         assert_eq!(path.pose(f32::INFINITY), path.pose(path.seconds), "{name}");
-        // No jumps: a hundredth of the way is a small part of it.
+        // No jumps: each hundredth of the path is short.
         let poses: Vec<Transform> = (0..=100).map(|i| path.pose(path.seconds * i as f32 / 100.0)).collect();
         let steps = poses.windows(2);
         let lengths: Vec<f32> = steps
@@ -210,7 +210,7 @@ const MOVING: [(SceneName, SceneName); 3] = [
     (SceneName::Street, SceneName::StreetMoving),
 ];
 
-/// Places of all that moves through a scene; limbs and lamps on cords are where their owners are.
+/// Places of all moving objects of a scene; limbs and lamps on cords are at their owners' places.
 fn movers(world: &mut World) -> Vec<Vec3> {
     let mut query = world.query::<(Entity, &Motion, &Transform, Option<&ChildOf>)>();
     let all: Vec<(Entity, Vec3, Option<Entity>)> = query
@@ -240,7 +240,7 @@ fn views_show_what_moves_and_nothing_runs_into_the_camera() {
             let pose = path.pose(seconds);
             set_time(&mut world, seconds);
             let places = movers(&mut world);
-            // Things are lower than a camera that looks down on them.
+            // The objects are lower than a camera that looks down on them.
             let above = Vec3::Y * (pose.translation.y - 2.0).max(0.0);
             let nearest = places
                 .iter()

@@ -41,7 +41,7 @@ pub fn build(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
     menu(scene, m, detail);
 }
 
-/// A table that is laid, with two or three chairs.
+/// A laid table, with two or three chairs.
 fn table(scene: &mut SceneBuilder, m: &Materials, setting: &Setting, at: Vec3, random: &mut Random) {
     let start = random.range(0.0, 360.0);
     let place = Transform::from_translation(at).with_rotation(turned(start));

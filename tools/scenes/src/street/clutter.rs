@@ -1,4 +1,4 @@
-//! Small things on the pavements: bollards, benches, bins, traffic signs, a greengrocer's crates, and cloth over the street.
+//! Small objects on the pavements: bollards, benches, bins, traffic signs, a greengrocer's crates, and cloth over the street.
 
 use super::{
     bevel,
@@ -251,7 +251,7 @@ fn greengrocer(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
         }
     });
     let mut random = Random::new(14);
-    // The back of the stand leans on the wall; its front looks into the street.
+    // The back of the stand leans on the wall, and its front faces the street.
     let start = Transform::from_xyz(-19.3, PAVEMENT, SOUTH - 0.75).with_rotation(turned(180.0));
     for stand in [-2.3, 2.3] {
         let at = start * Transform::from_xyz(stand, 0.0, 0.03).with_rotation(turned(180.0));

@@ -17,7 +17,7 @@ use bevy::{
 };
 use std::f32::consts::TAU;
 
-/// Radius of the wheels and where their hubs are along x.
+/// Radius of the wheels and positions of their hubs along x.
 const WHEEL: f32 = 0.34;
 const HUBS: [f32; 2] = [-0.52, 0.54];
 

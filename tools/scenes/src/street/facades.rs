@@ -1,4 +1,4 @@
-//! The houses: walls with their openings, mouldings, drain pipes, and what fills the openings.
+//! The houses: walls with their openings, mouldings, drain pipes, and the parts that fill the openings.
 
 use super::{
     bevel,
@@ -26,7 +26,7 @@ const PLASTERED: usize = 5;
 /// Width and height of the opening of a shop.
 const SHOP: [f32; 2] = [2.1, 3.05];
 
-/// A shop that is to be built into its opening.
+/// A shop to build into its opening.
 pub struct Front {
     /// The middle of the opening's lower edge.
     pub at: Transform,
@@ -70,11 +70,11 @@ impl Bay {
     }
 }
 
-/// A house with what was drawn for it.
+/// A house with its random choices.
 struct House<'a> {
     plot: &'a Plot,
     at: Transform,
-    /// Which floors have windows down to their floor.
+    /// Flags of the floors with windows down to their floor.
     french: [bool; 5],
     style: usize,
 }
@@ -107,7 +107,7 @@ struct Shared {
     quoins: [SceneMesh; 2],
 }
 
-/// Builds the houses without their shops; returns where those and the window boxes belong.
+/// Builds the houses without their shops. Returns the places of these and of the window boxes.
 pub fn build(scene: &mut SceneBuilder, m: &Materials, detail: f32) -> Places {
     let shared = Shared {
         openings: Openings::new(scene, detail),
@@ -189,7 +189,7 @@ fn walls(scene: &mut SceneBuilder, m: &Materials, house: &House) {
         }
         let back = -plot.depth;
         let p = |x: f32, y: f32, z: f32| vec3(x, y, z);
-        // Between neighbours the walls keep a gap, so that no two faces share a plane.
+        // Between neighbours the walls leave a gap, so that no two faces share a plane.
         let (left, right) = (0.02, width - 0.02);
         let ridge = p(0.0, height + ridge_height(plot), -3.0);
         if plot.corner != Corner::Left {
@@ -225,7 +225,7 @@ fn walls(scene: &mut SceneBuilder, m: &Materials, house: &House) {
     scene.place(&mesh, &m.walls[plot.wall], house.at);
 }
 
-/// Height of the gables above the walls; roofs without gables have none.
+/// Height of the gables above the walls; zero for roofs without gables.
 fn ridge_height(plot: &Plot) -> f32 {
     if plot.roof == Roof::Tiles { TILES_RISE } else { 0.0 }
 }
@@ -251,7 +251,7 @@ fn trim(scene: &mut SceneBuilder, m: &Materials, shared: &Shared, house: &House,
     let grand = plot.wall >= PLASTERED;
     let stone = &m.trims[usize::from(plot.wall == PLASTERED + 1 || plot.wall == 3)];
     let mesh = scene.shape(|g| {
-        // On a corner the mouldings go on until they meet those of the other front.
+        // On a corner the mouldings continue until they meet the mouldings of the other front.
         let run = |g: &mut Geometry, depth: f32, profile: &[(f32, f32)]| {
             let more = |corner: Corner| if plot.corner == corner { depth } else { 0.0 };
             let (left, right) = (more(Corner::Left), more(Corner::Right));

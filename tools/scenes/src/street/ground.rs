@@ -1,4 +1,4 @@
-//! Roadways, pavements, kerbs, the setts along them, and what is let into the roadway.
+//! Roadways, pavements, kerbs, the setts along them, and objects that are set into the roadway.
 
 use super::{
     bevel,

@@ -1,4 +1,4 @@
-//! The sun, street lamps, strings of bulbs, and the few point lights that stand for them.
+//! The sun, street lamps, strings of bulbs, and the few point lights that represent them.
 
 use super::{
     bevel,

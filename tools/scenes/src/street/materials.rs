@@ -16,7 +16,7 @@ use bevy::{
 /// A material asset.
 pub type Material = Handle<StandardMaterial>;
 
-/// The materials by what they are used for.
+/// The materials by their use.
 pub struct Materials {
     /// The wet roadway.
     pub asphalt: Material,
@@ -137,7 +137,7 @@ fn cloth_of(material: StandardMaterial) -> StandardMaterial {
     both_sides(dielectric(material))
 }
 
-/// A pane before a picture that shines with a colour.
+/// A pane before an image that shines with a colour.
 fn picture(pane: &StandardMaterial, picture: &StandardMaterial, emissive: LinearRgba) -> StandardMaterial {
     StandardMaterial {
         emissive,
@@ -279,7 +279,7 @@ impl Materials {
             scene.material(board)
         });
         let menu = board(scene, size, b"MENU", Vec3::splat(0.06));
-        // Nothing but finished materials from here on.
+        // Only finished materials from here on.
         let mut add = |material| scene.material(material);
         let srgb = Color::srgb;
         let walls = PLASTERS.map(|color| dyed(&base.plaster, color)).into_iter();

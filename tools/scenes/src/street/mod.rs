@@ -62,7 +62,7 @@ pub(crate) mod plan {
     pub const STOREY: f32 = 3.1;
 }
 
-/// The sun stands low beyond the eastern end, a little to the north: it reaches the southern fronts and, over a lower house, the crossing.
+/// The sun is low beyond the eastern end, a little to the north: it reaches the southern fronts and, over a lower house, the crossing.
 fn sun() -> Vec3 {
     sun_direction(68.0, 27.0)
 }

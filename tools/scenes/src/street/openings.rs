@@ -1,5 +1,5 @@
-//! Windows, doors and balconies: few meshes, many instances. Each stands in the wall's plane z = 0 on the middle of its opening's lower
-//! edge.
+//! Windows, doors and balconies: few meshes, many instances. The origin of each is in the wall's plane z = 0, at the middle of its
+//! opening's lower edge.
 
 use super::{
     bevel,
@@ -35,7 +35,7 @@ pub struct Casement {
     shutters: [SceneMesh; 2],
 }
 
-/// How the windows of a house look.
+/// The style of a house's windows.
 #[derive(Clone, Copy)]
 pub struct Look<'a> {
     /// The stone around them.

@@ -1,4 +1,4 @@
-//! The plots along the streets and which house stands on each.
+//! The plots along the streets and the house on each of them.
 
 use super::plan::*;
 use bevy::math::{Vec3, vec3};
@@ -14,7 +14,7 @@ pub enum Roof {
     Parapet,
 }
 
-/// Which end of a plot is a street corner.
+/// The end of a plot at a street corner.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub enum Corner {
     /// Neither.
@@ -23,7 +23,7 @@ pub enum Corner {
     Left,
     /// The right end.
     Right,
-    /// None: this is the second front of the house that stands on the corner.
+    /// None: this is the second front of the house on the corner.
     SecondFront,
 }
 

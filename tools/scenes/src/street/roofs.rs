@@ -29,7 +29,7 @@ const EAVES: f32 = 0.42;
 const SLATES: Vec2 = vec2(0.8, 2.5);
 /// Angle of the slope of tiles from upright, `atan2(TILES_RUN, TILES_RISE)`. At run time it would depend on the C library.
 const TILES_LEAN: f32 = 0.697_624_27;
-/// The same of the steep slope of slates.
+/// Lean of the steep slope of slates.
 const SLATES_LEAN: f32 = 0.309_702_96;
 /// Width that a patch of tiles or slates is made for.
 const PATCH: f32 = 2.6;
@@ -77,7 +77,7 @@ impl Roofs {
         }
     }
 
-    /// Covers a house whose front starts at `at`.
+    /// Covers a house with a front that starts at `at`.
     pub fn place(
         &self,
         scene: &mut SceneBuilder,

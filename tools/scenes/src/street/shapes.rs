@@ -95,7 +95,8 @@ pub fn front(g: &mut Geometry, [left, bottom]: [f32; 2], [right, top]: [f32; 2],
     );
 }
 
-/// A piece of wall in the plane z = 0, from (left, low) to (right, high), with an opening whose sides go `depth` into the wall.
+/// A piece of wall in the plane z = 0, from (left, low) to (right, high), with an opening. The sides of the opening go `depth` into the
+/// wall.
 pub fn pierced(
     g: &mut Geometry,
     [left, low]: [f32; 2],

@@ -117,7 +117,7 @@ fn shop(g: &mut Geometry, entrance: bool, edges: u32) {
     }
 }
 
-/// The panes of one bay; every pane shows its part of one picture.
+/// The panes of one bay. Every pane shows its part of one image.
 fn panes(g: &mut Geometry, entrance: bool) {
     let mut pane = |left: f32, right: f32, low: f32, high: f32| {
         front(
@@ -180,7 +180,7 @@ fn strokes(letter: u8) -> &'static [&'static [[f32; 2]]] {
     }
 }
 
-/// The café's name on a board that stands out from the house beside the corner.
+/// The café's name on a board that protrudes from the house beside the corner.
 fn cafe_sign(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
     let board = scene.shape(|g| {
         block(g, 2, [0.0, 1.25, 0.0], [0.66, 2.5, 0.14]);

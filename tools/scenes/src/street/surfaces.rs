@@ -1,4 +1,4 @@
-//! Procedural surfaces of the street. Each is a function of the unit square (`v` down); all but the pictures tile.
+//! Procedural surfaces of the street. Each is a function of the unit square (`v` down); all of them tile except for the images.
 
 use crate::{
     patterns::{edge, mix},
@@ -78,7 +78,7 @@ pub fn slabs(uv: Vec2) -> Texel {
     }
 }
 
-/// Painted wood, white: the material's base colour gives the paint.
+/// White painted wood: the material's base colour is the colour of the paint.
 pub fn wood(uv: Vec2) -> Texel {
     let fibre = fractal(vec2(uv.x * 8.0, uv.y), 6, 4, 331);
     let wear = smooth(0.58, 0.75, fractal(uv, 5, 4, 332));
@@ -105,7 +105,7 @@ pub fn bark(uv: Vec2) -> Texel {
     }
 }
 
-/// Car paint with metal flakes; the material's base colour gives the paint.
+/// Car paint with metal flakes: the material's base colour is the colour of the paint.
 pub fn flakes(uv: Vec2) -> Texel {
     let p = uv * 128.0;
     let flake = hash(p.x as i32, p.y as i32, 351);
@@ -179,7 +179,7 @@ pub fn stripes(uv: Vec2, dye: Vec3) -> Texel {
     }
 }
 
-/// A lit room behind a window, as a picture: curtains, a lamp and dark furniture.
+/// An image of a lit room behind a window: curtains, a lamp and dark furniture.
 pub fn room(uv: Vec2) -> Texel {
     let across = (uv.x - 0.5).abs();
     let curtain = smooth(0.24, 0.32, across + 0.05 * smooth(0.4, 1.0, uv.y));
@@ -195,7 +195,7 @@ pub fn room(uv: Vec2) -> Texel {
     }
 }
 
-/// Lit shelves behind a shop window, as a picture.
+/// An image of lit shelves behind a shop window.
 pub fn shelves(uv: Vec2) -> Texel {
     let grid = vec2(uv.x * 14.0, uv.y * 4.0);
     let (x, y) = (grid.x.floor() as i32, grid.y.floor() as i32);
@@ -239,7 +239,7 @@ fn glyph(letter: u8) -> u16 {
     }
 }
 
-/// Gilt letters on a dark painted board, as a picture.
+/// An image of gilt letters on a dark painted board.
 pub fn lettering(uv: Vec2, word: &[u8], paint: Vec3) -> Texel {
     let columns = 4 * word.len() as i32 + 3;
     let column = (uv.x * columns as f32) as i32 - 2;

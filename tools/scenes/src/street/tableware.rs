@@ -1,4 +1,4 @@
-//! Tables and chairs of the café, and the things on the tables.
+//! Tables and chairs of the café, and the objects on the tables.
 
 use super::{
     bevel, segments,

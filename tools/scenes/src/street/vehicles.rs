@@ -286,7 +286,7 @@ fn scooters(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
         scene.place(&tyres, &m.rubber, at);
         scene.place(&rims, &m.steel, at);
     }
-    // One more stands on the pavement of the side street.
+    // One more on the pavement of the side street.
     let at = Transform::from_xyz(11.9, PAVEMENT, -15.2).with_rotation(turned(86.0) * Quat::from_rotation_x(0.10));
     for (mesh, material) in [
         (&paint, &m.enamels[1]),

@@ -8,12 +8,12 @@ use bevy::{
 };
 use std::f32::consts::{FRAC_PI_2, PI, TAU};
 
-/// Turns what faces +z to face upwards.
+/// Turns an object that faces +z upwards.
 pub fn facing_up() -> Quat {
     Quat::from_rotation_x(-FRAC_PI_2)
 }
 
-/// Turns what faces +z to face downwards, and what points up to face +z.
+/// Turns an object that faces +z downwards, and its up direction to +z.
 pub fn facing_down() -> Quat {
     Quat::from_rotation_x(FRAC_PI_2)
 }
@@ -96,8 +96,8 @@ pub struct Blade {
 }
 
 impl Blade {
-    /// Adds the leaf along `spine(0..=1)`. `side` is a unit vector across it; its front is where `forward x side` points.
-    /// `outline` scales its width along the way.
+    /// Adds the leaf along `spine(0..=1)`. `side` is a unit vector across it, and its front faces `forward x side`. `outline` scales its
+    /// width along the way.
     pub fn add(&self, g: &mut Geometry, side: Vec3, outline: impl Fn(f32) -> f32, spine: impl Fn(f32) -> Vec3) {
         let length = spine(0.0).distance(spine(1.0));
         let uv_scale = vec2(4.0 * self.width, length);

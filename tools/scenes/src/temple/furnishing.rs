@@ -1,4 +1,4 @@
-//! Braziers, hanging lamps, incense, banners, and the light that they give.
+//! Braziers, hanging lamps, incense and banners, with the light of the flames.
 
 use super::{Materials, carving::*, plan::*, segments};
 use crate::{
@@ -31,7 +31,7 @@ pub fn build(scene: &mut SceneBuilder, m: &Materials, fine: f32) {
     incense(scene, m, &mound, fine);
     lamps(scene, m, fine);
     banners(scene, m, fine);
-    // Light that is led through the roof onto the sun disc.
+    // Light that comes through the roof onto the sun disc.
     scene.add((
         SpotLight {
             color: Color::srgb(1.0, 0.93, 0.80),
@@ -140,7 +140,7 @@ fn braziers(scene: &mut SceneBuilder, m: &Materials, mound: &SceneMesh, fine: f3
         );
         let coals = Transform::from_translation(place + Vec3::Y * 0.93).with_rotation(turn);
         scene.place_unshadowed(mound, &m.ember, coals);
-        // Only the one on the dais casts shadows: of the figures beside it.
+        // Only the brazier on the dais casts shadows: of the figures beside it.
         let on_dais = place.y > 0.0;
         scene.add((
             PointLight {
@@ -156,7 +156,7 @@ fn braziers(scene: &mut SceneBuilder, m: &Materials, mound: &SceneMesh, fine: f3
     }
 }
 
-/// Slim stands with smouldering bowls between the columns and beside the steps.
+/// Slim supports with smouldering bowls between the columns and beside the steps.
 fn incense(scene: &mut SceneBuilder, m: &Materials, mound: &SceneMesh, fine: f32) {
     let p = Vec2::new;
     let stand = scene.shape(|g| {
@@ -228,7 +228,7 @@ fn lamp(g: &mut Geometry, fine: f32) {
         let out = vec3(ops::sin(angle), 0.0, ops::cos(angle));
         let (low, high) = (out * 0.275, out * 0.05 + Vec3::Y);
         let along = Quat::from_rotation_arc(Vec3::Y, (high - low).normalize());
-        // Every second link stands across.
+        // Every second link is turned sideways.
         for k in 0..6 {
             let place = Transform::from_translation(low.lerp(high, (k as f32 + 0.5) / 6.0))
                 .with_rotation(along * turned(90.0 * k as f32))

@@ -28,7 +28,7 @@ pub fn build(scene: &mut SceneBuilder, m: &Materials, fine: f32) {
     terrace(scene, m, fine);
 }
 
-/// The floor: slabs of two metres, so laid that columns stand in the middle of one. The basin's place is left out.
+/// The floor: slabs of two metres, laid so that each column is in the middle of one. The basin's place is left out.
 fn floor(scene: &mut SceneBuilder, m: &Materials) {
     let shift = 1.0;
     let (x, z) = (HALF_WIDTH + 0.05, HALF_LENGTH + 0.05);
@@ -58,7 +58,7 @@ fn floor(scene: &mut SceneBuilder, m: &Materials) {
 fn walls(scene: &mut SceneBuilder, m: &Materials) {
     let (x, z) = (HALF_WIDTH, HALF_LENGTH);
     let walls = scene.shape(|g| {
-        // The wall of reliefs, and on the other side what is left between the openings and the ends.
+        // The wall of reliefs, and on the other side the wall between the openings and the ends.
         block(g, vec3(-x - 0.7, -0.05, -z - 0.3), vec3(-x, 7.8, z + 0.3), 0.35);
         let last = BAYS[6] + HALF_OPENING;
         block(g, vec3(x, -0.05, last), vec3(x + 0.7, 7.8, z + 0.3), 0.35);
@@ -196,7 +196,7 @@ fn around_hole(g: &mut Geometry, y: f32, around: u32, upwards: bool) {
     });
 }
 
-/// The basin: a kerb around still water, and in it a bronze lotus that holds a sun.
+/// The basin: a kerb around still water, and in it a bronze lotus with a sun.
 fn basin(scene: &mut SceneBuilder, m: &Materials, fine: f32) {
     let half = vec2(BASIN.0, BASIN.1);
     let p = Vec2::new;

@@ -1,8 +1,8 @@
-//! A temple of the sun, generated: polished inlaid floors, marble, water and bronze, so that most of what is seen reflects.
+//! A temple of the sun, generated: polished inlaid floors, marble, water and bronze, so that most visible surfaces reflect.
 //!
-//! The hall runs along z. The bronze doors are at +z, the dais with the sun disc at -z. Fluted columns part the nave from two
-//! aisles: the one at -x ends at a wall of reliefs, the one at +x opens to a terrace, from where the sun falls in. More sun falls
-//! through the oculus above the basin.
+//! The hall runs along z. The bronze doors are at +z, the dais with the sun disc at -z. Fluted columns separate the nave from two
+//! aisles: the one at -x ends at a wall of reliefs, and the one at +x opens to a terrace, from which sunlight comes in. More
+//! sunlight comes through the oculus above the basin.
 
 mod bronze;
 mod carving;
@@ -133,7 +133,7 @@ fn sun() -> Vec3 {
     sun_direction(62.0, 36.0)
 }
 
-/// A clear day, seen from inside: the environment map knows no shadow, so the sky is kept dim and the exposure long.
+/// A clear day, seen from inside: the environment map has no shadows, so the sky is dim and the exposure long.
 pub fn environment(world: &mut World) -> Environment {
     Environment::under(world, Sky::Day { sun: sun() }, 420.0, 9.2)
 }

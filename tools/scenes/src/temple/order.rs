@@ -250,7 +250,7 @@ fn coffers(scene: &mut SceneBuilder, m: &Materials, fine: f32) {
     }
 }
 
-/// Framed pictures between the pilasters of the closed wall, below a band of rosettes.
+/// Framed reliefs between the pilasters of the closed wall, below a band of rosettes.
 fn reliefs(scene: &mut SceneBuilder, m: &Materials, fine: f32) {
     let half = vec2(1.15, 1.5);
     let p = Vec2::new;

@@ -1,4 +1,4 @@
-//! Pictures carved and cast in relief, as heights over a plane.
+//! Motifs carved and cast in relief, as heights over a plane.
 
 use crate::{geometry::Geometry, random::smooth};
 use bevy::math::{Vec2, ops, vec2};
@@ -31,7 +31,7 @@ impl Picture {
         }
     }
 
-    /// Adds the relief in the xy plane, facing +z, from a plane at `base`. The picture is scaled to `size` from its 2.3 by 3 metres.
+    /// Adds the relief in the xy plane, facing +z, from a plane at `base`. The motif is scaled to `size` from its 2.3 by 3 metres.
     pub fn carve(self, g: &mut Geometry, size: Vec2, base: f32, columns: u32, rows: u32) {
         let scale = size / vec2(2.3, 3.0);
         let depth = scale.min_element();
@@ -46,7 +46,7 @@ impl Picture {
                 base + depth * self.height(p / scale) * smooth(0.0, 0.04 * depth, rim)
             })
             .collect();
-        // Normals follow from the flat quads between those heights: details that are finer than the mesh don't disturb them.
+        // Normals follow from the flat quads between those heights, so details finer than the mesh don't disturb them.
         g.surface(columns, rows, size * 0.5, |u, v| {
             let at = (vec2(u, v) * quads).clamp(Vec2::ZERO, quads);
             let cell = at.floor().min(quads - 1.0);
@@ -58,7 +58,7 @@ impl Picture {
     }
 }
 
-/// A form of the given height where `distance` is negative, with slopes `edge` wide on both sides of its outline.
+/// A form of the given height in the area of negative `distance`, with slopes `edge` wide on both sides of its outline.
 fn raised(distance: f32, height: f32, edge: f32) -> f32 {
     height * smooth(edge, -edge, distance)
 }
@@ -101,7 +101,7 @@ fn lotus(p: Vec2) -> f32 {
         let length = 1.9 - 0.13 * (i * i) as f32;
         let q = p - foot - out * (0.5 * length);
         let (along, across) = (q.dot(out) / (0.5 * length), q.perp_dot(out) / 0.22);
-        // Petals in front lie above those behind them.
+        // Petals in front are higher than the ones behind them.
         let lift = 0.015 * (3 - i * i / 3) as f32;
         let rib = 0.02 * smooth(0.25, 0.0, across.abs());
         let inside = smooth(1.0, 0.8, along * along + across * across);

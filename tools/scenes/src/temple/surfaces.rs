@@ -12,7 +12,7 @@ struct Marble {
     seed: u32,
     body: Vec3,
     vein: Vec3,
-    /// How much of the vein's colour shows.
+    /// Opacity of the vein's colour.
     strength: f32,
     /// Perceptual roughness of a fresh polish.
     polish: f32,
@@ -103,14 +103,14 @@ pub fn inlaid_marble(uv: Vec2) -> Texel {
     let roughness = marble.polish + 0.05 * slab + 0.06 * walked + 0.10 * (wear - 0.5) + 0.08 * joint;
     Texel {
         color: marble.color(uv, cloud) * (1.0 - 0.3 * joint),
-        // Flat but for the joints: the least unevenness would show in a mirror.
+        // Flat except for the joints: the slightest unevenness would show in a mirror.
         height: -0.0003 * joint,
         roughness: roughness.clamp(0.05, 0.30),
         ..Default::default()
     }
 }
 
-/// Dark green marble with pale veins, polished to a mirror but for faint smears.
+/// Dark green marble with pale veins, polished to a mirror except for faint smears.
 pub fn dark_marble(uv: Vec2) -> Texel {
     let vein = veins(uv, 3, 321).max(0.6 * veins(uv, 6, 324));
     let cloud = fractal(uv, 5, 5, 322);

@@ -15,11 +15,11 @@ use bevy::{
     render::render_resource::{Extent3d, TextureDimension, TextureFormat},
 };
 
-/// Objects of a level, each with a mesh, a material and an image of its own.
+/// Objects of a level. Each has its own mesh, material and image.
 const OBJECTS_OF_A_LEVEL: u32 = 12;
 /// Characters of a crowd.
 const CROWD: usize = 6;
-/// Frames in which a crowd moves, and in which it doesn't, in turn.
+/// Number of frames for which a crowd moves, and then doesn't, by turns.
 const STRIDE: u32 = 3;
 
 /// Applies an event to each object before a frame.
@@ -73,7 +73,7 @@ fn replace_mesh(world: &mut World, id: Option<AssetId<Mesh>>, size: f32, usage: 
     _ = meshes.insert(id, mesh);
 }
 
-/// Gives an object an image of another size, at the id that it had if it had any.
+/// Gives an object an image of another size, with its old id if it had one.
 fn reload_image(
     world: &mut World,
     image: Option<Handle<Image>>,
@@ -138,7 +138,7 @@ pub(super) fn load_level(harness: &mut Harness, scene: &mut HostileScene) {
     }
 }
 
-/// A crowd of characters, which is spawned at first, bends for some frames and rests for others.
+/// Spawns a crowd of characters at first, which bends for some frames and doesn't move for others.
 pub(super) fn move_crowd(harness: &mut Harness, scene: &mut HostileScene, frame: u32) {
     if harness.world().get_entity(scene.root).is_err() {
         return;
@@ -157,7 +157,7 @@ pub(super) fn move_crowd(harness: &mut Harness, scene: &mut HostileScene, frame:
     }
 }
 
-/// A box with its upper half bound to a joint, which is returned.
+/// Spawns a box with its upper half bound to a joint, and returns the joint.
 fn spawn_character(harness: &mut Harness, root: Entity, index: usize) -> Entity {
     let mut mesh = Mesh::from(Cuboid::new(0.2, 0.8, 0.2));
     let upper = match mesh.attribute(Mesh::ATTRIBUTE_POSITION) {

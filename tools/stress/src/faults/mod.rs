@@ -1,5 +1,5 @@
-//! Devices that lack something, that are lost, that are full, and shaders that don't compile. The library must report each clearly, and
-//! the app must keep running: without reflections, or with fewer.
+//! Devices that lack a feature, are lost or are full, and shaders that don't compile. The library must report each clearly, and the app
+//! must keep running: without reflections, or with fewer.
 
 mod run;
 
@@ -20,7 +20,7 @@ pub enum Fault {
     NoBindingArrays,
     /// Ray queries are requested but unavailable.
     NoRayQueries,
-    /// No formats beyond those that WebGPU guarantees.
+    /// Only the formats that WebGPU guarantees.
     NoStorageFormats,
     /// WebGPU's minimum of features and limits.
     #[value(name = "webgpu-minimum")]
@@ -47,7 +47,7 @@ impl Fault {
         matches!(self, Self::FewInstances | Self::LargeMesh)
     }
 
-    /// Texts, one of which must be reported in the status or in the log. None if everything works as usual.
+    /// Texts, one of which must be reported in the status or in the log. Empty if everything works as usual.
     fn messages(self) -> &'static [&'static str] {
         match self {
             Self::DeviceLost => &["Caught DeviceLost"],

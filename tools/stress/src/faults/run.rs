@@ -17,7 +17,7 @@ use std::{thread, time::Duration};
 
 /// A pass of the library with its shader replaced by text that doesn't compile.
 const PASS: &str = "embedded://bevy_glint/denoise/reconstruct.wesl";
-/// Most frames to open and fill a new device.
+/// Maximum number of frames to open and fill a new device.
 const RECOVERY: u32 = 300;
 /// Largest mean difference between the images before and after a loss.
 const RECOVERED: f64 = 0.02;
@@ -42,7 +42,7 @@ impl Fault {
             }
             Err(problems) => problems,
         };
-        // After a loss of the device, Bevy alone does not run into its own panics every time.
+        // After a loss of the device, Bevy alone sometimes panics and sometimes doesn't.
         let is_upstream = |problem: &String| {
             problem.starts_with("panic: panicked at ") && (problem.contains("/wgpu-") || problem.contains("/bevy_"))
         };
@@ -87,7 +87,7 @@ impl Fault {
         })
     }
 
-    /// The same device with Bevy alone.
+    /// Runs the same device with Bevy alone.
     fn control(self, settings: HarnessSettings, size: UVec2, tally: &mut Tally) -> Result<Option<String>, Vec<String>> {
         let settings = HarnessSettings {
             without_reflections: true,

@@ -17,7 +17,7 @@ use glint_scenes::{Random, SceneName, environment};
 pub struct HostileScene {
     /// The parent of all entities.
     pub root: Entity,
-    /// The scene's own camera, then those that generators added.
+    /// The scene's own camera, then cameras that generators added.
     pub cameras: Vec<Entity>,
     /// The setup of the first camera.
     pub camera: CameraSetup,
@@ -31,7 +31,7 @@ pub struct HostileScene {
     pub level: Vec<Entity>,
     /// Joints of the characters that an event has spawned.
     pub joints: Vec<Entity>,
-    /// Images that an event loads anew, by object.
+    /// Images that an event reloads, by object.
     pub images: Vec<Handle<Image>>,
     /// Random numbers for events.
     pub random: Random,

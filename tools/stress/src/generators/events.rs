@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 /// Events between frames.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum, Serialize, Deserialize)]
 pub enum EventKind {
-    /// The image has another size in every frame.
+    /// The image changes its size in every frame.
     Resize,
     /// Reflections are switched off and on in every frame.
     ToggleReflections,
@@ -36,13 +36,13 @@ pub enum EventKind {
     NanCameraOnce,
     /// The exposure jumps.
     JumpExposure,
-    /// Every frame has another technique.
+    /// The technique changes in every frame.
     SwitchTechnique,
-    /// Every frame has another preset.
+    /// The preset changes in every frame.
     SwitchPreset,
-    /// Every frame has another rate.
+    /// The rate changes in every frame.
     SwitchRate,
-    /// Every frame has another debug view.
+    /// The debug view changes in every frame.
     SwitchView,
     /// History is cleared in every frame.
     ResetHistory,
@@ -62,11 +62,11 @@ pub enum EventKind {
     ChangeProjection,
     /// Meshes are removed, and others inserted under their ids.
     ReplaceMeshes,
-    /// Meshes live in the render world alone, and in both worlds again.
+    /// Meshes exist only in the render world, and then in both worlds again.
     ChangeUsage,
-    /// Images are loaded anew, in other sizes.
+    /// Images are reloaded, in other sizes.
     ReloadImages,
-    /// Materials ask for images that can't be loaded.
+    /// Materials request images that can't be loaded.
     FailedImage,
     /// Objects are disabled and enabled.
     ToggleDisabled,

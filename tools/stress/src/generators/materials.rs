@@ -82,9 +82,9 @@ pub enum MaterialKind {
     NoFog,
     /// Glass that refracts and absorbs.
     ThickGlass,
-    /// Glass with a huge thickness and index, in reflections alone: Bevy draws it with values that are not finite.
+    /// Glass with a huge thickness and index, only in reflections: Bevy draws it with values that are not finite.
     HugeGlass,
-    /// Glass with NaN in all values, in reflections alone.
+    /// Glass with NaN in all values, only in reflections.
     NanGlass,
 }
 

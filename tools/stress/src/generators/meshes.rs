@@ -59,7 +59,7 @@ pub enum MeshKind {
     TwoVertices,
     /// Indices beyond the last vertex.
     OutOfRangeIndices,
-    /// A number of indices that is no multiple of three.
+    /// A number of indices that isn't a multiple of three.
     RaggedIndices,
     /// A line list.
     Lines,
@@ -69,7 +69,7 @@ pub enum MeshKind {
     Strip,
     /// Attributes with different numbers of values.
     UnevenAttributes,
-    /// Positions alone.
+    /// Only positions.
     BarePositions,
     /// Vertices that exist in the render world only.
     RenderWorldOnly,

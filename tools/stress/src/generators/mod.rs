@@ -36,7 +36,7 @@ use serde::{Deserialize, Serialize};
 /// Declares the enum of all generators. Each variant has a kind and the function that adds it to a scene.
 macro_rules! generators {
     ($($(#[$doc:meta])* $variant:ident($kind:ty) = $add:path;)+) => {
-        /// Adds one thing to a scene.
+        /// Adds one ingredient to a scene.
         #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
         pub enum Generator { $($(#[$doc])* $variant($kind)),+ }
 
@@ -49,7 +49,7 @@ macro_rules! generators {
                 all
             }
 
-            /// The kind of thing that it adds, such as `Mesh`.
+            /// The kind of the ingredient, such as `Mesh`.
             #[must_use]
             pub fn kind(self) -> &'static str {
                 match self { $(Self::$variant(_) => stringify!($variant)),+ }
@@ -62,7 +62,7 @@ macro_rules! generators {
                 format!("{}-{kind}", variant.to_ascii_lowercase())
             }
 
-            /// Adds to a scene that is being built.
+            /// Adds to the scene of a builder.
             pub fn add(self, builder: &mut Builder) {
                 match self { $(Self::$variant(kind) => $add(kind, builder)),+ }
             }
@@ -98,7 +98,7 @@ fn add_event(kind: EventKind, builder: &mut Builder) {
 }
 
 impl Generator {
-    /// It takes very much memory or time.
+    /// Returns whether it takes very much memory or time.
     #[must_use]
     pub fn is_heavy(self) -> bool {
         matches!(
@@ -109,7 +109,7 @@ impl Generator {
         )
     }
 
-    /// With it, the image can be brighter than the white sky.
+    /// Returns whether the image can be brighter than the white sky with it.
     #[must_use]
     pub fn adds_light(self) -> bool {
         !matches!(

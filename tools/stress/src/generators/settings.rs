@@ -27,7 +27,7 @@ pub enum SettingsKind {
     Low,
     /// The most expensive preset.
     Ultra,
-    /// The hardware back end, which falls back where it is unavailable.
+    /// The hardware back end, which falls back if it is unavailable.
     Hardware,
     /// No filter.
     NoDenoiser,

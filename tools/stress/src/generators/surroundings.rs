@@ -63,7 +63,7 @@ pub enum SurroundingsKind {
     NanBackground,
     /// A background that is not cleared.
     NoBackground,
-    /// Ambient light alone.
+    /// Only ambient light.
     Ambient,
     /// Ambient light that is NaN.
     NanAmbient,

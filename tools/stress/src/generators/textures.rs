@@ -1,4 +1,4 @@
-//! Textures of all formats and sizes, with wrong values, and those that never load.
+//! Textures of all formats and sizes, with wrong values, and textures that never load.
 
 use super::Builder;
 use bevy::{
@@ -32,7 +32,7 @@ pub enum TextureKind {
     TwoChannels,
     /// Half floats that are NaN and infinite, as base colour.
     NanTexels,
-    /// The same, as emission.
+    /// The same texture, as emission.
     NanEmission,
     /// Normals of length zero.
     ZeroNormals,

@@ -13,13 +13,13 @@ use bevy_glint::internals::bvh::TraceRay;
 const DOUBT: f64 = 6e-6;
 /// Relative error of distances.
 const TOLERANCE: f64 = 1e-3;
-/// Absolute error of distances, relative to the coordinates of the origin, and to the size of what is smaller than a metre.
+/// Absolute error of distances, relative to the coordinates of the origin, and to the size of objects below a metre.
 const FLOOR: f64 = 1e-5;
 /// Triangles with a smaller margin in their object are not tested in the world.
 const FAR: f64 = -1e-3;
 /// Normals below this can vanish in single precision.
 const LEAST_NORMAL: f64 = 1e-30;
-/// A triangle is a hair where no ray has more than so many times [`DOUBT`] for a margin: rounding then decides on half of its area.
+/// A triangle is a hair if no ray has a margin of more than this multiple of [`DOUBT`]: rounding then decides on half of its area.
 const HAIR: f64 = 3.5;
 
 /// An object with known triangles.
@@ -28,7 +28,7 @@ pub struct Object {
     pub entity: Entity,
     /// Object space.
     pub triangles: Vec<[DVec3; 3]>,
-    /// Rays can pass: it has a mask, or light goes through it.
+    /// Rays can pass: it has a mask, or transmits light.
     pub see_through: bool,
     /// The face that rays don't see.
     pub culled: Option<Face>,
@@ -40,7 +40,7 @@ pub struct Object {
 }
 
 impl Object {
-    /// An object that is opaque, seen from both sides, and casts shadows. `None` where no ray can be brought into its space.
+    /// An object that is opaque, visible from both sides, and casts shadows. `None` if rays can't be transformed into its space.
     pub fn new(entity: Entity, place: &Affine3A, triangles: Vec<[DVec3; 3]>) -> Option<Self> {
         let linear = place.matrix3.as_dmat3();
         let (inverse, translation) = (linear.inverse(), place.translation.as_dvec3());
@@ -72,7 +72,7 @@ impl Object {
         largest(&self.linear) * self.shrinking()
     }
 
-    /// By how much its matrix makes it smaller: the largest entry of the inverse.
+    /// Factor by which its matrix shrinks it: the largest entry of the inverse.
     pub fn shrinking(&self) -> f64 {
         largest(&self.inverse)
     }
@@ -109,16 +109,16 @@ pub enum Judgement {
 struct Candidate {
     object: usize,
     t: f64,
-    /// Margin of the ray's hit on the triangle, negative outside: the least and the most in the space of the object and in the world, one
+    /// Margin of the ray's hit on the triangle, negative outside: the minimum and maximum over the space of the object and the world, one
     /// of which the tracer uses. Below [`DOUBT`], single precision can see the ray on either side.
     margins: [f64; 2],
     /// Bound of the error of `t` in single precision.
     error: f64,
     /// Error of distances however small they are.
     floor: f64,
-    /// Closest hits see this face; `None` where rounding decides.
+    /// Closest hits see this face; `None` if rounding decides.
     seen: Option<bool>,
-    /// Too thin, or too small from there, for most rays to hit it surely. Says nothing of the place at which this ray meets it.
+    /// Too thin, or too small from there, for most rays to hit it surely. Independent of the place at which this ray meets it.
     is_hair: bool,
 }
 
@@ -127,13 +127,13 @@ struct Met {
     t: f64,
     margin: f64,
     error: f64,
-    /// Between the ray and the normal; negative where the front is seen.
+    /// Between the ray and the normal; negative if the front is visible.
     cosine: f64,
     /// Bound of the error of `cosine` in single precision.
     tilt: f64,
     /// Length of the coordinates that single precision adds up.
     size: f64,
-    /// The margin of a ray that meets the middle of the triangle at right angles, from as far away as this one.
+    /// The margin of a ray that meets the middle of the triangle at right angles, from the same distance as this one.
     widest: f64,
 }
 
@@ -235,7 +235,7 @@ pub struct Exact<'a> {
 }
 
 impl Objects {
-    /// Looks at every triangle.
+    /// Tests every triangle.
     pub fn along(&self, ray: &TraceRay) -> Exact<'_> {
         let mut candidates = Vec::new();
         let in_world = LocalRay::in_world(ray);
@@ -297,7 +297,7 @@ impl Exact<'_> {
         !self.object(candidate).see_through && candidate.margins[0] > DOUBT && candidate.t > self.slack(candidate)
     }
 
-    /// Triangles that closest hits see, whichever side of an edge rounding takes.
+    /// Triangles that closest hits see, on whichever side of an edge rounding falls.
     fn hits(&self) -> impl Iterator<Item = &Candidate> {
         self.candidates.iter().filter(|candidate| {
             candidate.margins[0] >= 0.0
@@ -311,7 +311,7 @@ impl Exact<'_> {
         self.hits().min_by(|a, b| a.t.total_cmp(&b.t))
     }
 
-    /// Distance of the closest hit: infinite where there is none.
+    /// Distance of the closest hit: infinite without a hit.
     pub fn distance(&self) -> f64 {
         self.nearest().map_or(f64::INFINITY, |candidate| candidate.t)
     }
@@ -356,7 +356,7 @@ impl Exact<'_> {
             () if there().next().is_none() => Judgement::Wrong,
             () if is_veiled(t) => Judgement::Excused,
             () if nearest.is_some_and(is_near) => Judgement::Exact,
-            // It passed everything that is nearer.
+            // It passed through everything that is nearer.
             () if nearest.is_some_and(|nearest| t > nearest.t) => {
                 by_rounding(self.hits().filter(|c| c.t < t && !is_near(c)))
             }
@@ -364,7 +364,7 @@ impl Exact<'_> {
         }
     }
 
-    /// Judges whether an object that casts shadows is in the way, and is the one that the answer names. Shadow rays see both faces.
+    /// Judges whether an object that casts shadows is in the way, and is the one in the answer. Shadow rays see both faces.
     pub fn judge_shadow(&self, answer: &Answer) -> Judgement {
         let casters = || self.candidates.iter().filter(|c| self.object(c).casts_shadow);
         let blockers = || casters().filter(|c| c.margins[0] >= 0.0 && c.t > 0.0);
@@ -393,7 +393,7 @@ impl Exact<'_> {
     }
 }
 
-/// Judges an answer that depends on these triangles, none of which the ray hits surely. Hairs are never seen well.
+/// Judges an answer that depends on these triangles, which the ray might miss. Hairs are never seen well.
 fn by_rounding<'a>(mut triangles: impl Iterator<Item = &'a Candidate>) -> Judgement {
     if triangles.all(|triangle| triangle.is_hair) {
         Judgement::Excused

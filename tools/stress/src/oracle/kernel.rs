@@ -1,4 +1,4 @@
-//! Has the app's own tracer answer a list of rays, in the scene that it holds at present.
+//! Makes the app's own tracer answer a list of rays, in the current scene.
 
 use crate::harness::Harness;
 use bevy::{
@@ -45,13 +45,13 @@ struct GpuAnswer {
 /// The tracer's answer for a ray.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Answer {
-    /// Distance and object of the closest hit; no object where its slot is empty.
+    /// Distance and object of the closest hit; no object if its slot is empty.
     pub hit: Option<(f32, Option<Entity>)>,
-    /// An object that casts shadows is in the way; none where its slot is empty.
+    /// An object that casts shadows is in the way; `Some(None)` if its slot is empty.
     pub blocked: Option<Option<Entity>>,
 }
 
-/// The kernel, compiled once for each set of definitions that a scene asks for.
+/// The kernel, compiled once for each set of definitions that scenes need.
 #[derive(Resource)]
 struct OracleKernel {
     shader: Handle<Shader>,
@@ -72,14 +72,14 @@ fn lists_layout() -> BindGroupLayoutDescriptor {
     )
 }
 
-/// Renders until the scene is static and the kernel compiled for it; false if that takes too many frames. The log has the error of a
+/// Renders until the scene is static and the kernel is compiled for it; false if that takes too many frames. The log has the error of a
 /// kernel that can't be compiled.
 pub fn prepare(harness: &mut Harness, patience: u32) -> bool {
     for _ in 0..ATTEMPTS {
         if !harness.wait_until_idle(patience) {
             return false;
         }
-        // The scene stays static while no frame is rendered, and with it the definitions.
+        // The scene stays static while no frame is rendered, and so do the definitions.
         if compiled(harness).is_some() {
             return true;
         }
@@ -104,14 +104,14 @@ pub fn trace(harness: &mut Harness, camera: Entity, rays: &[TraceRay]) -> Option
     dispatch(harness, view, id, rays)
 }
 
-/// The pipeline for the scene as it is, once it is compiled.
+/// The pipeline for the current scene, once it is compiled.
 fn compiled(harness: &mut Harness) -> Option<CachedComputePipelineId> {
     let id = queue(harness)?;
     let cache = harness.render_resource::<PipelineCache>()?;
     matches!(cache.get_compute_pipeline_state(id), CachedPipelineState::Ok(_)).then_some(id)
 }
 
-/// The pipeline for the scene as it is. `None` without a scene.
+/// The pipeline for the current scene. `None` without a scene.
 fn queue(harness: &mut Harness) -> Option<CachedComputePipelineId> {
     let defs = harness.render_resource::<SceneBindings>()?.shader_defs();
     let world = harness.world();

@@ -1,7 +1,7 @@
-//! Rays through a hostile scene: those that the app's tracer hits are compared with brute force over all triangles.
+//! Rays through a hostile scene: the hits of the app's tracer are compared with brute force over all triangles.
 //!
-//! An answer can differ if single precision decides, and if only a shader knows: behind masks and glass, and at objects that are posed or
-//! lost in rounding. Answers of both kinds are counted, and limited.
+//! An answer can differ if single precision decides, or if it depends on a shader: behind masks and glass, and at objects that are posed
+//! or lost in rounding. Answers of both kinds are counted, and limited.
 
 mod exact;
 mod kernel;
@@ -18,7 +18,7 @@ use bevy_glint::{RayTracedReflections, internals::bvh::TraceRay};
 use exact::{Judgement, Object, Objects};
 use glint_scenes::Random;
 
-/// One in so many scenes is compared, since brute force takes long.
+/// One of this number of scenes is compared, since brute force takes long.
 const SHARE: u64 = 10;
 /// Rays of a scene, and fewer in one of very many triangles.
 const RAYS: [usize; 2] = [128, 1024];
@@ -30,9 +30,9 @@ const OFFSET: f32 = 1e-2;
 const FARTHEST: f64 = 1e4;
 /// Limit for objects smaller than this, relative to their coordinates.
 const SMALLEST: f64 = 1e-2;
-/// Rays through the corners of a picture must differ by so many radians. Else all of its rays are one that is asked again and again.
+/// Rays through the corners of an image must differ by this many radians. Otherwise all of its rays are the same ray.
 const LEAST_FIELD: f32 = 1e-3;
-/// Of this number of answers, one can be of a ray that passes an edge or meets a face so closely that rounding decides.
+/// One of this number of answers can belong to a ray that passes an edge or meets a face so closely that rounding decides.
 const BORDER_SHARE: usize = 100;
 /// Additional answers that are allowed beyond that share, for few rays.
 const LEAST_BORDERS: usize = 8;
@@ -43,7 +43,7 @@ pub fn is_compared(seed: u64) -> bool {
     seed.is_multiple_of(SHARE)
 }
 
-/// Compares rays through the current scene, object by object, and once more with static objects merged.
+/// Compares rays through the current scene, object by object, and again with static objects merged.
 pub fn compare(harness: &mut Harness, scene: &HostileScene, seed: u64, patience: u32) -> Vec<Problem> {
     let mut tally = Tally::default();
     let random = &mut Random::of_part(seed, usize::MAX - 2);
@@ -73,7 +73,7 @@ fn compare_once(
     tally: &mut Tally,
 ) -> Vec<Problem> {
     let is_prepared = kernel::prepare(harness, patience);
-    // No frame is rendered from here on: objects, rays and answers are of the same scene.
+    // No frame is rendered from here on, so objects, rays and answers belong to the same scene.
     let objects = objects::collect(harness.world());
     let has_targets = objects.known.iter().any(is_target);
     if !is_prepared {
@@ -84,7 +84,7 @@ fn compare_once(
     let count = (TESTS / count.max(1)).clamp(RAYS[0], RAYS[1]);
     let rays = rays(harness, scene, &objects, count, random);
     let Some(answers) = kernel::trace(harness, camera, &rays) else {
-        // Nothing to hit leaves nothing on the GPU.
+        // A scene without targets leaves nothing on the GPU.
         if !has_targets {
             return Vec::new();
         }
@@ -165,7 +165,7 @@ fn rays(
                 (eye, through(pixel, eye, &world_from_clip))
             }
             1 => {
-                // Off the surface, on which a ray that starts there hits itself or doesn't.
+                // At a distance from the surface: a ray that starts on it might hit it or not.
                 let (point, direction) = (point(random).unwrap_or(Vec3::Y), sphere(random));
                 (
                     point + direction * OFFSET * (1.0 + point.abs().max_element()),
@@ -201,12 +201,12 @@ fn is_target(object: &Object) -> bool {
     })
 }
 
-/// From an eye through a point of its picture.
+/// From an eye through a point of its image.
 fn through(pixel: Vec2, eye: Vec3, world_from_clip: &Mat4) -> Vec3 {
     world_from_clip.project_point3(pixel.extend(0.5)) - eye
 }
 
-/// Rays through the picture go different ways, unlike those of a camera without a size or a field.
+/// Returns whether rays through the image go different ways, unlike the rays of a camera without a size or a field.
 fn has_field(eye: Vec3, world_from_clip: &Mat4) -> bool {
     let [first, second] =
         [Vec2::NEG_ONE, Vec2::ONE].map(|corner| through(corner, eye, world_from_clip).try_normalize());

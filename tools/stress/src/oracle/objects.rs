@@ -12,9 +12,9 @@ use bevy_glint::{NotReflected, ReflectedMaterial3d, ReflectedMesh3d};
 
 /// Objects beyond these coordinates are lost in single precision.
 const MOST: f32 = 1e12;
-/// So are objects that a matrix shrinks by more, which rays don't see: the largest entry of its inverse.
+/// Maximum shrinking by a matrix, as the largest entry of its inverse. Rays don't see smaller objects.
 const MOST_SHRUNK: f64 = 1e12;
-/// The same for objects that a matrix distorts by so much.
+/// Maximum distortion by a matrix.
 const MOST_DISTORTED: f64 = 1e5;
 
 /// Entities with a mesh that reflections can show.
@@ -27,7 +27,7 @@ type Candidates<'a> = (
     Has<NotShadowCaster>,
 );
 
-/// Components that put an object where its mesh and its transform don't tell.
+/// Components that move an object away from the place of its mesh and its transform.
 type IsElsewhere = Or<(
     With<RenderLayers>,
     With<VisibilityRange>,
@@ -79,7 +79,7 @@ pub fn collect(world: &mut World) -> Objects {
     objects
 }
 
-/// The object at its place. `None` where single precision loses it.
+/// The object at its place. `None` if single precision loses it.
 fn object(entity: Entity, place: &Affine3A, triangles: Vec<[DVec3; 3]>) -> Option<Object> {
     let is_invertible = place.matrix3.determinant().is_normal() && place.translation.abs().max_element() <= MOST;
     let object = Object::new(entity, place, triangles).filter(|_| is_invertible)?;
@@ -87,7 +87,7 @@ fn object(entity: Entity, place: &Affine3A, triangles: Vec<[DVec3; 3]>) -> Optio
     (is_kept && object.reach() < MOST.into()).then_some(object)
 }
 
-/// Triangles of a mesh with existing and finite corners. `None` if the vertices can't be read, or are not those of a list.
+/// Triangles of a mesh with existing and finite corners. `None` if the vertices can't be read, or don't form a list.
 fn triangles(mesh: &Mesh) -> Option<Vec<[DVec3; 3]>> {
     if mesh.primitive_topology() != PrimitiveTopology::TriangleList {
         return None;

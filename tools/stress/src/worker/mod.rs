@@ -19,7 +19,7 @@ use bevy::math::UVec2;
 use clap::ValueEnum;
 use std::time::{Duration, Instant};
 
-/// Files of each kind for the viewer, if no number was asked for.
+/// Files of each kind for the viewer, if no number was requested.
 const FILES_OF_A_KIND: u64 = 4;
 
 /// Executes a job and reports on standard output.
@@ -110,7 +110,7 @@ impl Worker {
                 ..Tally::default()
             };
             self.reporter.finish(viewer.show(seed), tally);
-            // Beyond one of each kind there is no end to reach.
+            // Beyond one of each kind there is no end.
             let is_enough = done + 1 >= least || options.count.is_some();
             self.reporter
                 .progress(done + 1, if is_enough { 0 } else { least }, "files");

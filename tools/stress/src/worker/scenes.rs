@@ -11,9 +11,9 @@ use crate::{
 };
 use std::time::{Duration, Instant};
 
-/// Most time for simplifying a failing scenario.
+/// Maximum time for simplifying a failing scenario.
 const SIMPLIFY: Duration = Duration::from_secs(90);
-/// Least time for simplifying, even if the job's time is nearly over.
+/// Minimum time for simplifying, even if the job's time is nearly over.
 const LEAST_SIMPLIFY: Duration = Duration::from_secs(20);
 
 impl Worker {
@@ -28,7 +28,7 @@ impl Worker {
             checked: options.checked,
             ..HarnessSettings::default()
         });
-        // Recipes that failed are looked at more closely.
+        // Recipes that failed are examined more closely.
         fuzzer.compares_all = options.rays || options.keep.is_some();
         let most = match options.keep {
             Some(_) => 1,
@@ -64,7 +64,7 @@ impl Worker {
     }
 }
 
-/// The scenario of a seed, as far as the options leave it to chance.
+/// The scenario of a seed, with the values that the options override.
 fn scenario(seed: u64, required: Option<Generator>, options: &Options) -> Scenario {
     let mut scenario = Scenario::random(seed, required);
     if let Some(Keep(positions)) = &options.keep {

@@ -56,7 +56,7 @@ fn views_take_turns_on_places() {
         for view in 0..views {
             let (time, first) = (scene.view(view), scene.earliest(view));
             assert!(first < time && time < scene.seconds());
-            // On the way from there nothing jumps.
+            // There is no jump on the way from there.
             let place = places[view as usize % 2].translation;
             let steps = (0..=20).map(|step| scene.pose(first + (time - first) * 0.05 * step as f32));
             assert!(

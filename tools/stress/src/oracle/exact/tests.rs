@@ -7,7 +7,7 @@ const FRONT: Entity = Entity::from_raw_u32(1).unwrap();
 const BACK: Entity = Entity::from_raw_u32(2).unwrap();
 const ELSEWHERE: Entity = Entity::from_raw_u32(3).unwrap();
 
-/// A triangle that looks at the viewer from a distance.
+/// A triangle that faces the viewer from a distance.
 fn object(entity: Entity, distance: f32) -> Object {
     let place = Transform::from_xyz(0.0, 0.0, -distance).compute_affine();
     let corners = [[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [0.0, 1.0, 0.0]].map(DVec3::from);
