@@ -1,7 +1,7 @@
 //! A figure with bones walks in front of a mirror, which shows each step.
 //!
-//! Nothing here tells the library about bones: it follows the joints of every `SkinnedMesh`. The P key shows the figure in its bind pose
-//! in the mirror, as `ReflectedPose::Rigid` does for crowds. The Space key stops and starts the clock.
+//! No code here handles bones: the library follows the joints of every `SkinnedMesh`. The P key shows the figure in its bind pose in the
+//! mirror, as `ReflectedPose::Rigid` does for crowds. The Space key stops and starts the clock.
 
 use bevy::{
     asset::RenderAssetUsages,
@@ -15,7 +15,7 @@ use bevy::{
 use bevy_glint::{RayTracedReflections, RayTracedReflectionsPlugin, ReflectedPose};
 use std::f32::consts::{PI, TAU};
 
-/// The parent of each bone, and where it begins in bind pose. Bones point down, but for the hips, the spine and the head.
+/// The parent of each bone, and its start in bind pose. Bones point down, except for the hips, the spine and the head.
 const BONES: [(usize, Vec3); 11] = [
     (0, Vec3::new(0.0, 0.8, 0.0)),    // Hips.
     (0, Vec3::new(0.0, 1.1, 0.0)),    // Spine.
@@ -29,7 +29,7 @@ const BONES: [(usize, Vec3); 11] = [
     (0, Vec3::new(0.12, 0.95, 0.0)),  // Left thigh.
     (9, Vec3::new(0.12, 0.5, 0.0)),   // Left shin.
 ];
-/// Two bones, the place where the first one begins, the length in metres along Y, and the radius: the second bone takes over halfway.
+/// Two bones, the start of the first one, the length in metres along Y, and the radius: the second bone takes over halfway.
 const LIMBS: [([u16; 2], f32, f32); 6] = [
     ([0, 1], 0.75, 0.2),     // Trunk.
     ([2, 2], 0.34, 0.12),    // Head.
@@ -76,7 +76,7 @@ fn show_keys(mut window: Single<&mut Window>) {
 #[derive(Component)]
 struct Bone(usize);
 
-/// The figure goes round in circles.
+/// The figure walks in circles.
 fn walk(time: Res<Time>, mut bones: Query<(&Bone, &mut Transform)>) {
     let (step, heading) = (5.0 * time.elapsed_secs() + 0.5, 0.4 * time.elapsed_secs());
     for (bone, mut transform) in &mut bones {
@@ -156,7 +156,7 @@ fn setup_figure(
             inverse_bindposes: bindposes.add(to_bones.to_vec()),
             joints,
         },
-        // The default, named here so that the key P can change it.
+        // The default, named here so that the P key can change it.
         ReflectedPose::Posed,
     ));
 }

@@ -1,10 +1,10 @@
-//! Shading-rate heuristics of your own: foveated rendering, with many rays around a place and few far away from it, in two ways.
+//! Custom shading-rate heuristics: foveated rendering, with many rays around a place and few far away from it, in two ways.
 //!
 //! - A shader decides for each tile of the screen, from its position and its statistics. It is built on `bevy_glint::rate::tile`; this
 //!   one is `assets/shaders/foveated.wesl`.
 //! - An image stores the rate of each tile. Here the CPU writes it, and it follows the mouse.
 //!
-//! Keys: 1 takes the shader, 2 the image, 3 the library's own heuristic, and V switches between rates in colours and the image.
+//! Keys: 1 selects the shader, 2 the image, 3 the library's own heuristic, and V switches between rates in colours and the image.
 
 use bevy::{
     asset::RenderAssetUsages,
@@ -95,10 +95,10 @@ fn press_keys(
     }
 }
 
-/// Pixels of the mouse's way from image to image: half a tile.
+/// Distance of the mouse between two images, in pixels: half a tile.
 const STEP: u32 = 16;
 
-/// Makes the image anew whenever the mouse is a step away or the window has another size.
+/// Replaces the image when the mouse has moved by a step or the window has another size.
 fn follow_mouse(
     window: Single<&Window>,
     heuristics: Res<Heuristics>,

@@ -1,7 +1,7 @@
 //! Custom materials in reflections: their look for rays, and stand-ins for single objects.
 //!
-//! Three objects turn in front of a mirror. The first has an extended material, which rays see as its base. The second has a material of
-//! the app's own, described for rays by `ReflectedMaterial`, and a `ReflectedSurfaceShader` draws its bands in the mirror, too. The third
+//! Three objects turn in front of a mirror. The first has an extended material, which rays see as its base. The second has the app's own
+//! material, which `ReflectedMaterial` describes for rays, and a `ReflectedSurfaceShader` draws its bands in the mirror, too. The third
 //! is a dense mesh that reflections replace by a coarse one. The Space key also shows the coarse mesh outside of the mirror, permanently.
 
 use bevy::{
@@ -23,7 +23,7 @@ pub fn plugin(app: &mut App) {
         RayTracedReflectionsPlugin::default(),
         MaterialPlugin::<Enamel>::default(),
         MaterialPlugin::<Lava>::default(),
-        // These lines have rays see both. Shaders know them as types 1 and 2.
+        // These lines make both visible to rays. Shaders see them as types 1 and 2.
         ReflectedMaterialPlugin::<Enamel>::default(),
         ReflectedMaterialPlugin::<Lava>::default(),
     ))
@@ -44,7 +44,7 @@ struct Wear {}
 
 impl MaterialExtension for Wear {}
 
-/// A material with a shader of its own. It is drawn forward and adds no light of the environment, and so shows no reflections itself.
+/// A material with its own shader. It is drawn forward and adds no light of the environment, so it doesn't show reflections itself.
 #[derive(Asset, AsBindGroup, Reflect, Clone)]
 struct Lava {
     #[uniform(0)]

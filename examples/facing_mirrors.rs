@@ -128,7 +128,7 @@ fn spawn_room(
     }
 }
 
-/// Something to count, and the lamp above it.
+/// Objects to count, and the lamp above them.
 fn spawn_guests(
     mut commands: Commands,
     mut meshes: ResMut<Assets<Mesh>>,

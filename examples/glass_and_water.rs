@@ -1,6 +1,6 @@
 //! Glass and water: a pool with waves, windows, and bottles on a table reflect their surroundings, on screen or not.
 //!
-//! Blended, premultiplied and transmissive materials reflect without further ado. The waves are a normal map that moves
+//! Blended, premultiplied and transmissive materials reflect without any setup. The waves are a normal map that moves
 //! over the water. The Space key switches reflections on transparent surfaces off and on.
 
 use bevy::{
@@ -130,7 +130,7 @@ fn spawn_camera(mut commands: Commands, mut images: ResMut<Assets<Image>>) {
     commands.spawn((
         Camera3d::default(),
         Transform::from_xyz(-0.6, 1.5, 6.0).looking_at(Vec3::new(0.5, 0.5, -2.0), Vec3::Y),
-        // Rays that hit nothing show the same sky.
+        // Rays that miss show the same sky.
         Skybox {
             image: Some(sky.specular_map.clone()),
             brightness: 700.0,

@@ -1,4 +1,4 @@
-//! A street at night under up to 10,000 lanterns, all of which light the reflections on its wet ground.
+//! A street at night under up to 10,000 lanterns, which all light the reflections on its wet ground.
 //!
 //! Hits evaluate up to 256 lights one by one. With more, each hit samples a few of them by their possible contribution, and the denoiser
 //! averages many hits. Keys: 1, 2 and 3 use 16, 1,008 and 10,000 lanterns; Space stops and starts the wind.
@@ -47,7 +47,7 @@ const COLORS: [Color; 5] = [
     Color::srgb(0.5, 1.0, 0.5),
 ];
 
-/// A light that hangs on a string, and how far it is into its swing.
+/// A light that hangs on a string, and the phase of its swing.
 #[derive(Component)]
 struct Lantern {
     rest: Vec3,
@@ -73,7 +73,7 @@ fn press_keys(keyboard: Res<ButtonInput<KeyCode>>, mut street: ResMut<Street>) {
     street.set_if_neq(wanted);
 }
 
-/// Hangs up as many lanterns as are wanted, which share the light.
+/// Hangs up the requested number of lanterns, which share the light.
 fn hang_up_lanterns(
     mut commands: Commands,
     mut meshes: ResMut<Assets<Mesh>>,
@@ -126,7 +126,7 @@ fn hang_up_lanterns(
     }
 }
 
-/// Moves one lantern in ten in the wind. Any tenth will do.
+/// Moves one lantern in ten in the wind.
 fn sway(time: Res<Time>, street: Res<Street>, mut lanterns: Query<(&Lantern, &mut Transform)>) {
     if street.wind {
         for (lantern, mut transform) in lanterns.iter_mut().step_by(10) {

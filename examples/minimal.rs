@@ -1,6 +1,6 @@
 //! A small complete app: a polished metal ball and a box on a glossy floor, with ray-traced reflections.
 //!
-//! It takes two things: the plugin, and [`ReflectionQuality`] on the camera. The ball shows the box's far side and the floor behind
+//! It needs two things: the plugin, and [`ReflectionQuality`] on the camera. The ball shows the box's far side and the floor behind
 //! the camera, which the screen doesn't.
 
 use bevy::prelude::*;
@@ -57,7 +57,7 @@ fn setup(
         Transform::default().looking_to(Vec3::new(-0.6, -1.0, -0.7), Vec3::Y),
     ));
 
-    // Rays that hit nothing see the environment map.
+    // Rays that miss see the environment map.
     let sky = EnvironmentMapLight::hemispherical_gradient(
         &mut images,
         Color::srgb(0.35, 0.55, 0.95),

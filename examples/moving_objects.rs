@@ -1,7 +1,7 @@
 //! A room in which everything moves: coloured lights, a mirror, spinning shapes, and balls that appear and vanish.
 //!
-//! The library follows transforms, lights, and entities that are spawned or despawned by itself: nothing here tells it about any of
-//! them. The Space key stops and starts the clock.
+//! The library itself follows transforms, lights, and entities that are spawned or despawned, without any code here. The Space key
+//! stops and starts the clock.
 
 use bevy::{light::NotShadowCaster, prelude::*, time::common_conditions::on_timer};
 use bevy_glint::{RayTracedReflections, RayTracedReflectionsPlugin};
@@ -80,7 +80,7 @@ fn spawn_ball(
     mut commands: Commands,
 ) {
     *count += 1.0;
-    // Each a golden angle after the one before.
+    // Each ball is a golden angle after the previous one.
     let (angle, radius) = (2.4 * *count, 0.8 + 2.2 * (0.618 * *count).fract());
     commands.spawn((
         Mesh3d(mesh.0.clone()),

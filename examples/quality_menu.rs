@@ -2,8 +2,8 @@
 //!
 //! `cargo run --release --features egui --example quality_menu`
 //!
-//! [`ReflectionQuality`] is the player's choice: one word that is saved with the game's other settings and inserted on its cameras.
-//! At the first start and by the button Auto, the machine is measured. The row is disabled, and says why, where no rays are traced.
+//! [`ReflectionQuality`] is the player's choice: one word that is saved with the game's other settings and inserted on its cameras. At the
+//! first start and with the button Auto, the game measures the machine. If no rays can be traced, the row is disabled and shows the reason.
 
 use bevy::{prelude::*, render::diagnostic::RenderDiagnosticsPlugin};
 use bevy_egui::{EguiContexts, EguiPlugin, EguiPrimaryContextPass, egui};
@@ -34,7 +34,7 @@ pub fn plugin(app: &mut App) {
         .add_systems(EguiPrimaryContextPass, show_menu.run_if(|menu: Res<MenuIsOpen>| menu.0));
 }
 
-/// Everything that players of this game choose.
+/// All settings that players of this game choose.
 #[derive(Resource, Clone, PartialEq)]
 pub struct GameSettings {
     /// 0 to 1.
@@ -43,7 +43,7 @@ pub struct GameSettings {
     pub reflections: Option<ReflectionQuality>,
 }
 
-/// The file that settings are saved in, a line for each: `reflections = high`. A game has a folder of its own for it.
+/// The file of the settings, a line for each: `reflections = high`. A game has its own folder for it.
 #[derive(Resource)]
 pub struct SettingsFile(pub PathBuf);
 
@@ -56,7 +56,7 @@ fn load_settings(file: Res<SettingsFile>, mut settings: ResMut<GameSettings>, mu
         Err(error) if error.kind() == ErrorKind::NotFound => return,
         Err(error) => {
             error!("{} can't be read: {error}", file.0.display());
-            // The file might still contain settings: never write over them.
+            // The file might still contain settings: never overwrite them.
             return commands.remove_resource::<SettingsFile>();
         }
     };
@@ -99,12 +99,12 @@ fn show_menu(
                 }
             });
         });
-    // Only a real change counts as one.
+    // Only a real change triggers change detection.
     settings.set_if_neq(shown);
     Ok(())
 }
 
-/// Gives every camera its reflections: after the start, and whenever the player has chosen.
+/// Gives every camera its reflections: at the start, and after each choice of the player.
 fn apply_settings(settings: Res<GameSettings>, cameras: Query<Entity, With<Camera3d>>, mut commands: Commands) {
     for camera in &cameras {
         let mut camera = commands.entity(camera);

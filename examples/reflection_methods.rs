@@ -1,11 +1,11 @@
 //! One scene with four kinds of reflections, to see the difference that ray tracing makes.
 //!
-//! - 1: the environment map alone. The mirror shows a sky that can't be seen from inside the room.
+//! - 1: only the environment map. The mirror shows a sky that isn't visible from inside the room.
 //! - 2: Bevy's screen-space reflections. The mirror only has the content of the screen, with holes behind it.
 //! - 3: ray-traced reflections. The mirror shows the backs of objects, and objects off screen.
-//! - 4: the ground truth for ray tracing: the same rays for every pixel, averaged over frames for as long as nothing moves.
+//! - 4: the ground truth for ray tracing: the same rays for every pixel, averaged over frames as long as nothing moves.
 //!
-//! A camera can't have screen-space and ray-traced reflections at a time.
+//! A camera can't have screen-space and ray-traced reflections at the same time.
 
 use bevy::{pbr::ScreenSpaceReflections, prelude::*};
 use bevy_glint::{RayTracedReflections, RayTracedReflectionsPlugin, ReflectionTechnique};

@@ -6,7 +6,7 @@
 //! rightmost spheres show the environment map, switch the denoiser's passes off one by one, choose a debug view. F2 opens and closes the
 //! panel.
 //!
-//! The camera flies by Bevy's feature `free_camera`.
+//! Bevy's feature `free_camera` moves the camera.
 
 use bevy::{
     camera_controller::free_camera::{FreeCamera, FreeCameraPlugin},
@@ -88,7 +88,7 @@ fn spawn_spheres(
     }
 }
 
-/// Panels to be seen in the spheres, on either side of the camera.
+/// Panels on either side of the camera, which the spheres reflect.
 fn spawn_glowing_panels(
     mut commands: Commands,
     mut meshes: ResMut<Assets<Mesh>>,

@@ -1,10 +1,10 @@
-//! Shading rates of rays: one ray per pixel where reflections are sharp, few where the difference is invisible.
+//! Shading rates of rays: one ray per pixel for sharp reflections, few if the difference is invisible.
 //!
-//! A `ShadingRateHeuristic` component chooses the rate of each tile of the screen. The left half shows the image, the right half its
-//! rates in colours: red for a ray in each pixel of the traced image, then orange, yellow, green and blue for coarser and coarser
-//! blocks, pink for exact mirrors, grey where nothing is traced. Keys 1 to 5 choose the heuristic, V the view.
+//! A `ShadingRateHeuristic` component chooses the rate of each tile of the screen. The left half shows the image, and the right half
+//! its rates in colours: red for a ray in each pixel of the traced image, then orange, yellow, green and blue for coarser and coarser
+//! blocks, pink for exact mirrors, and grey for tiles without rays. Keys 1 to 5 choose the heuristic, V the view.
 //!
-//! The camera flies by Bevy's feature `free_camera`.
+//! Bevy's feature `free_camera` moves the camera.
 
 use bevy::{
     camera_controller::free_camera::{FreeCamera, FreeCameraPlugin},
@@ -44,7 +44,7 @@ fn choose_heuristic(keyboard: Res<ButtonInput<KeyCode>>, mut heuristic: Single<&
         // Size of the lobe on the screen, visibility and geometry.
         ShadingRateHeuristic::Combined(CombinedThresholds::default())
     } else if keyboard.just_pressed(KeyCode::Digit5) {
-        // The default: noise that is left in the image.
+        // The default: remaining noise in the image.
         ShadingRateHeuristic::Adaptive(AdaptiveThresholds::default())
     } else {
         return;
@@ -83,7 +83,7 @@ fn show_state(camera: Single<(&ShadingRateHeuristic, &ReflectionDebugView)>, mut
     }
 }
 
-/// A floor of strips of growing roughness, with columns and a mirror behind.
+/// A floor of strips with increasing roughness, with columns and a mirror behind.
 fn setup(
     mut commands: Commands,
     mut meshes: ResMut<Assets<Mesh>>,
@@ -139,7 +139,7 @@ fn setup(
         sky.with_intensity(700.0),
         RayTracedReflections::default(),
         ShadingRateHeuristic::default(),
-        // Both are optional, for people to look at.
+        // Both are optional, for viewers.
         ReflectionDebugView::ShadingRates,
         ReflectionDebugSplit::default(),
     ));

@@ -1,6 +1,6 @@
 //! Two players on one screen. Each camera has its own viewport, reflections and history.
 //!
-//! Reflections are components of a camera, so that each player can have a preset of their own, or none. Keys: 1 and 2 switch the
+//! Reflections are components of a camera, so each player can have their own preset, or none. Keys: 1 and 2 switch the
 //! reflections of the left and right player on and off, 3 and 4 choose their next preset.
 
 use bevy::{camera::Viewport, prelude::*};
@@ -17,7 +17,7 @@ pub fn plugin(app: &mut App) {
         .add_systems(Update, (press_keys, show_state, fit_viewports));
 }
 
-/// A camera, and the preset that it has whenever its reflections are on.
+/// A camera, and its preset for when reflections are on.
 #[derive(Component)]
 struct Player {
     seat: Seat,
@@ -99,7 +99,7 @@ fn show_state(players: Query<(&Player, Has<RayTracedReflections>)>, mut window: 
     }
 }
 
-/// Gives each camera its half of the window, whatever size that has.
+/// Gives each camera its half of the window, whatever the window's size.
 fn fit_viewports(mut players: Query<(&mut Camera, &Player)>) {
     for (mut camera, player) in &mut players {
         // Unknown before the first frame.

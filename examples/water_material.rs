@@ -1,4 +1,4 @@
-//! Water with a shader of its own: waves that a material computes move its reflections.
+//! Water with its own shader: waves that a material computes move its reflections.
 //!
 //! The material is a `StandardMaterial` with an extension. Its fragment shader sets the normal (`assets/shaders/water.wesl`), but doesn't
 //! run for rays. A second shader, which finds the water for its reflections, sets the normal with the same function
@@ -25,7 +25,7 @@ pub fn plugin(app: &mut App) {
     app.add_plugins((
         RayTracedReflectionsPlugin::default(),
         MaterialPlugin::<Water>::default(),
-        // Rays see the water as its base, and shaders know it as type 1.
+        // Rays see the water as its base, and shaders see it as type 1.
         ReflectedMaterialPlugin::<Water>::default(),
     ))
     .insert_resource(ClearColor(Color::srgb(0.98, 0.72, 0.5)))
@@ -35,7 +35,7 @@ pub fn plugin(app: &mut App) {
 
 type Water = ExtendedMaterial<StandardMaterial, Waves>;
 
-/// The waves need no data but the place and the time.
+/// The waves depend only on the place and the time.
 #[derive(Asset, AsBindGroup, Reflect, Clone, Default)]
 struct Waves {}
 
