@@ -1,4 +1,4 @@
-//! Running cargo in this workspace, and the programs that it builds.
+//! Runs cargo in this workspace, and the programs that it builds.
 
 use std::env;
 use std::ffi::{OsStr, OsString};
@@ -13,7 +13,7 @@ use crate::environment;
 /// Packages that need the feature `internals` of the library.
 const NEED_INTERNALS: [&str; 3] = ["glint_bench", "glint_evaluate", "glint_stress"];
 
-/// Packages with a workspace of their own, so that their dependencies don't change the features of Bevy.
+/// Packages with their own workspace, so that their dependencies don't change the features of Bevy.
 pub const APART: [&str; 3] = ["tools/browser", "tools/isa", "tools/translate"];
 
 /// Environment variable with the folder of builds.
@@ -21,7 +21,7 @@ const TARGET: &str = "CARGO_TARGET_DIR";
 
 /// The root of the workspace.
 pub fn workspace_root() -> PathBuf {
-    // Asked at run time first: clones with a shared target directory can share this program too.
+    // Read at run time first, because clones with a shared target directory can share this program too.
     let manifest_directory =
         env::var_os("CARGO_MANIFEST_DIR").map_or_else(|| PathBuf::from(env!("CARGO_MANIFEST_DIR")), PathBuf::from);
     manifest_directory
@@ -29,7 +29,7 @@ pub fn workspace_root() -> PathBuf {
         .map_or_else(|| PathBuf::from("."), Path::to_path_buf)
 }
 
-/// A command that starts a program without the variables that cargo set for this one: they would reach inner builds and tests.
+/// A command that starts a program without the variables that cargo set for this one, which would affect inner builds and tests.
 pub fn command(program: impl AsRef<OsStr>) -> Command {
     const PREFIXES: [&str; 3] = ["CARGO_PKG_", "CARGO_MANIFEST_", "CARGO_BIN_"];
     let mut command = Command::new(program);
@@ -64,7 +64,7 @@ fn optimized(subcommand: &str, profile: &str) -> Command {
     command
 }
 
-/// Variant with the whole workspace selected: this is how every program and test is built.
+/// Variant with the whole workspace selected, as for every program and test.
 ///
 /// Cargo then unifies features over all packages, so that Bevy is compiled once; `tools/unify` has the details.
 pub fn workspace(subcommand: &str) -> Command {
@@ -95,7 +95,7 @@ pub fn program(name: &str) -> Result<Command> {
         bail!("cargo built no program `{name}`");
     };
     let mut command = command(built.executable);
-    // Bevy looks for assets beside the program otherwise.
+    // Otherwise Bevy looks for assets beside the program.
     command.env("BEVY_ASSET_ROOT", workspace_root());
     Ok(command)
 }
@@ -108,7 +108,7 @@ pub fn apart(subcommand: &str, package: &str) -> Command {
         .arg("--manifest-path")
         .arg(root.join(package).join("Cargo.toml"));
     if env::var_os(TARGET).is_none() {
-        // Beside its manifest otherwise, where git would see it.
+        // Otherwise the folder is beside its manifest, where git would see it.
         command.env(TARGET, root.join("target"));
     }
     command
@@ -144,7 +144,7 @@ pub struct Executable {
 }
 
 impl Executable {
-    /// Reads one of cargo's messages; most of them are about something else.
+    /// Reads one of cargo's messages. Returns `None` for most of them, which don't describe a program.
     fn parse(message: &str) -> Option<Self> {
         let message: Value = serde_json::from_str(message).ok()?;
         let path = |value: &Value| value.as_str().map(PathBuf::from);
@@ -158,7 +158,7 @@ impl Executable {
     }
 }
 
-/// Runs a command of cargo that compiles and returns the programs that it was asked for.
+/// Runs a command of cargo that compiles, and returns the requested programs.
 pub fn build(command: &mut Command) -> Result<Vec<Executable>> {
     command.arg("--message-format=json-render-diagnostics");
     let output = command
@@ -172,7 +172,7 @@ pub fn build(command: &mut Command) -> Result<Vec<Executable>> {
     Ok(messages.lines().filter_map(Executable::parse).collect())
 }
 
-/// Runs a command to its end with its output shown; `what` completes the sentence "… failed".
+/// Runs a command to its end and shows its output; `what` completes the sentence "… failed".
 pub fn run(command: &mut Command, what: &str) -> Result<()> {
     let status = command
         .status()
@@ -214,7 +214,7 @@ mod tests {
         }
     }
 
-    /// The version that a lock file has of a package.
+    /// The version of a package in a lock file.
     fn locked(file: &str, package: &str) -> String {
         let lock = std::fs::read_to_string(workspace_root().join(file)).unwrap();
         let start = format!("name = \"{package}\"\nversion = \"");
@@ -246,8 +246,8 @@ mod tests {
         );
     }
 
-    /// The sets of features that each package is compiled with. One package can have two: procedural macros and build scripts have
-    /// dependencies of their own.
+    /// The sets of features that each package is compiled with. One package can have two, because procedural macros and build scripts
+    /// have their own dependencies.
     fn features(options: &[&str]) -> BTreeMap<String, BTreeSet<String>> {
         let mut tree = cargo("tree");
         tree.args(["--workspace", "--locked", "--prefix=none", "--format={p}|{f}"]);
@@ -262,7 +262,7 @@ mod tests {
         features
     }
 
-    /// Otherwise cargo compiles a package, and all that depends on it, once for programs and once for tests.
+    /// Otherwise cargo compiles a package, and all packages that depend on it, once for programs and once for tests.
     #[test]
     fn programs_and_tests_share_one_build() {
         let programs = features(&["--edges=normal,build"]);
@@ -277,7 +277,7 @@ mod tests {
         }
     }
 
-    /// Otherwise the check without internals compiles Bevy's interfaces once more.
+    /// Otherwise the check without internals compiles Bevy's interfaces again.
     #[test]
     fn the_library_without_internals_shares_it() {
         let whole = features(&["--edges=normal,build"]);

@@ -1,4 +1,4 @@
-//! Single tests: how each ended, how long it took, and how much its apps rendered and compiled.
+//! Single tests: their outcome, their time, and the work of their apps.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -7,23 +7,23 @@ use std::time::Duration;
 
 use crate::progress::Elapsed;
 
-/// Begins the reason for which a long test is ignored.
+/// Prefix of the reason for ignoring a long test.
 const LONG: &str = "long: ";
 
-/// A test and how it ended.
+/// A test and its outcome.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Case {
     /// Its path within the test program.
     pub name: String,
-    /// How it ended.
+    /// Its outcome.
     pub end: End,
-    /// Time that it took; zero where the harness tells none.
+    /// Its time; zero if the harness doesn't report it.
     pub time: Duration,
-    /// The tracer that it ran with, if that isn't the usual one.
+    /// The tracer that it ran with, unless that is the usual one.
     pub variant: Option<String>,
 }
 
-/// How a test ended.
+/// The outcome of a test.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum End {
     /// It succeeded.
@@ -50,7 +50,7 @@ impl Case {
                 "ok" => End::Passed,
                 "FAILED" => End::Failed,
                 _ if result.starts_with("ignored") => End::Skipped,
-                // Output of the test has come between.
+                // Output of the test is in between.
                 _ => return None,
             },
         };
@@ -72,7 +72,7 @@ impl Case {
         }
     }
 
-    /// The module that the test is in.
+    /// The test's module.
     pub fn module(&self) -> &str {
         self.name.rsplit_once("::").map_or("", |(module, _)| module)
     }
@@ -120,7 +120,7 @@ impl fmt::Display for Cost {
     }
 }
 
-/// The work of each test of a program, and the variants that tests left out.
+/// The work of each test of a program, and the variants that tests skipped.
 #[derive(Debug, Default)]
 pub struct Costs {
     of: BTreeMap<String, Cost>,
@@ -128,8 +128,8 @@ pub struct Costs {
 }
 
 impl Costs {
-    /// Adds up lines that are separated by tabs: name, frames and pipelines for each app; name, `left out` and a word for each variant of
-    /// a test that didn't run.
+    /// Adds up lines with fields separated by tabs: name, frames and pipelines for each app; name, `left out` and a word for each variant
+    /// of a test that didn't run.
     pub fn read(text: &str) -> Self {
         let mut costs = Self::default();
         for line in text.lines() {
@@ -157,7 +157,7 @@ impl Costs {
         self.of.get(name).copied().unwrap_or_default()
     }
 
-    /// The variant that a test left out.
+    /// The variant that a test skipped.
     pub fn left_out(&self, name: &str) -> Option<&str> {
         self.left_out.get(name).map(String::as_str)
     }
@@ -219,7 +219,7 @@ impl fmt::Display for Tally {
     }
 }
 
-/// A table of the tests that took longest, and of their work.
+/// A table of the slowest tests, and of their work.
 pub fn slowest(mut cases: Vec<(String, Duration, Cost)>, rows: usize) -> String {
     cases.sort_by_key(|(_, time, _)| std::cmp::Reverse(*time));
     cases.truncate(rows);

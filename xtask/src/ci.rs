@@ -1,4 +1,4 @@
-//! `cargo xtask ci`: everything that must hold before a change is merged.
+//! `cargo xtask ci`: all requirements for merging a change.
 
 use std::env;
 use std::process::{Command, Stdio};
@@ -9,15 +9,14 @@ use anyhow::{Result, bail, ensure};
 use crate::progress::{self, Elapsed, Times};
 use crate::{cargo, file_sizes, isa, test, web, words};
 
-/// Limit of a run's time before the page is built and opened, which takes up to half an hour in a cold build. With less, machines that
-/// have the time skip it; with more, cold ones run into limits of 90 minutes.
+/// Maximum time of a run at which the page is still built and opened, which takes up to half an hour in a cold build. With a lower
+/// value, machines that have the time skip it; with a higher one, cold machines exceed limits of 90 minutes.
 const PAGE_LIMIT: Duration = Duration::from_secs(45 * 60);
 
-/// Time after which no more long tests begin. Where everything was built before, all of them run; where nothing was, the first tier ends
-/// at about this time.
+/// Time after which no more long tests begin. All of them run after a warm build; in a cold one, the first tier ends at about this time.
 const LONG_LIMIT: Duration = Duration::from_secs(60 * 60);
 
-/// Runs every check, cheap ones first, and all of them even if one fails. Ends with a table of times.
+/// Runs every check, cheap ones first, and all of them even if one fails. Prints a table of times at the end.
 pub fn run() -> Result<()> {
     let start = Instant::now();
     let mut checks = Checks::default();
@@ -27,7 +26,7 @@ pub fn run() -> Result<()> {
     checks.run("words", || words::run(&words::Options::default()));
     let mut typos = Command::new("typos");
     checks.run_tool("spelling", "typos", typos.current_dir(cargo::workspace_root()));
-    // Without the network there is no advisory database; the other checks need none.
+    // Without the network there is no advisory database, and the other checks don't need it.
     let mut deny = cargo::cargo("deny");
     deny.args(["--offline", "check", "bans", "licenses", "sources"]);
     checks.run_tool("dependencies", "cargo-deny", &mut deny);
@@ -61,7 +60,7 @@ pub fn run() -> Result<()> {
     Ok(())
 }
 
-/// Runs the first tier of the tests, and of the second as much as there is time for.
+/// Runs the first tier of the tests, and as much of the second as fits into the time.
 fn tests(checks: &mut Checks, start: Instant) -> Result<test::Results> {
     let options = test::Options::default();
     let suite = test::Suite::build(&mut checks.times)?;
@@ -117,8 +116,8 @@ impl Checks {
     }
 }
 
-/// Compiles the shaders that the tests translated for GPUs of AMD's, where its driver is installed. A report: the driver crashes at random on
-/// some shaders, so that a failure says little about a change.
+/// Compiles the shaders that the tests translated for AMD's GPUs, if AMD's driver is installed. It is only a report: the driver crashes
+/// at random on some shaders, so a failure says little about a change.
 fn foreign_compilers(checks: &mut Checks) {
     const NAME: &str = "shaders for AMD's GPUs";
     match isa::prepare() {
@@ -131,7 +130,7 @@ fn foreign_compilers(checks: &mut Checks) {
     }
 }
 
-/// Opens the page in a browser, where there is one and time is left for it.
+/// Opens the page in a browser, if there is a browser and enough time.
 fn page(checks: &mut Checks, elapsed: Duration) {
     const NAME: &str = "page in a browser";
     match time_for_page(elapsed).and_then(|()| web::prepare()) {
@@ -168,7 +167,7 @@ fn lints() -> Result<()> {
         .try_for_each(|clippy| cargo::run(clippy.args(["--all-targets", "--", "--deny", "warnings"]), "clippy"))
 }
 
-/// Tests of packages with a workspace of their own.
+/// Tests of packages with their own workspace.
 fn tests_apart() -> Result<()> {
     cargo::APART
         .iter()

@@ -1,4 +1,4 @@
-//! A C++ compiler and a Vulkan driver for the commands that build and render: found, or installed where that is possible.
+//! A C++ compiler and a Vulkan driver for the commands that build and render: finds them, or installs them if possible.
 //!
 //! `driver.sh` does the work; a machine without a GPU gets Mesa's CPU driver. `GLINT_SKIP_DRIVER_CHECK=1` turns all of this off.
 
@@ -14,7 +14,7 @@ use crate::{environment, progress};
 pub enum Need {
     /// Any Vulkan driver.
     Vulkan,
-    /// Ray queries, if the driver is the CPU's. Without them tests of that tracer skip; in CI that is a failure.
+    /// Ray queries, if the driver is the CPU's. Without them tests of that tracer skip, which is a failure in CI.
     RayQuery,
     /// Any Vulkan driver, and Chromium.
     Browser,
@@ -22,7 +22,7 @@ pub enum Need {
 
 /// Makes sure that there is a compiler and a driver.
 pub fn prepare(need: Need) -> Result<()> {
-    // Other systems bring their graphics interfaces with them.
+    // Other systems include their graphics interfaces.
     if !cfg!(target_os = "linux") || environment::is_on("GLINT_SKIP_DRIVER_CHECK") {
         return Ok(());
     }
@@ -34,7 +34,7 @@ pub fn prepare(need: Need) -> Result<()> {
 fn script(need: Need, strict: bool, root: &Path) -> Command {
     let (need, programs) = match need {
         Need::Vulkan => ("vulkan", ""),
-        // Without the validator a test skips.
+        // Without the validator one test skips.
         Need::RayQuery => ("ray-query", if strict { "spirv-val:spirv-tools" } else { "" }),
         Need::Browser => ("vulkan", "chromium:chromium"),
     };

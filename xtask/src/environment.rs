@@ -1,13 +1,13 @@
-//! Environment variables that steer these commands.
+//! Environment variables that control these commands.
 
 use std::env;
 
-/// True in continuous integration, where a test that can't run is a failure.
+/// Returns whether this is continuous integration, in which a test that can't run is a failure.
 pub fn is_ci() -> bool {
     is_true(env::var("CI").ok().as_deref())
 }
 
-/// True if a switch is on: set, and neither empty, `0` nor `false`.
+/// Returns whether a switch is on: set, and neither empty, `0` nor `false`.
 pub fn is_on(name: &str) -> bool {
     is_true(env::var(name).ok().as_deref())
 }

@@ -1,4 +1,4 @@
-//! The habit of small files: above a soft limit a source file is reported, above a hard limit it fails.
+//! Limits for the size of source files: above a soft limit a file is reported, above a hard limit the check fails.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -7,11 +7,11 @@ use anyhow::{Result, bail};
 
 use crate::{cargo, progress};
 
-/// Lines above which a file is worth splitting.
+/// Number of lines above which a file is worth splitting.
 const SOFT_LIMIT: usize = 450;
-/// Lines above which a file must be split.
+/// Number of lines above which a file must be split.
 const HARD_LIMIT: usize = 700;
-/// The kinds of files that count.
+/// Extensions of the checked files.
 const EXTENSIONS: [&str; 2] = ["rs", "wesl"];
 
 /// Checks every source file of the workspace.

@@ -1,7 +1,7 @@
-//! `cargo xtask isa`: every variant of every pass, compiled by AMD's open compiler for GPUs that aren't there.
+//! `cargo xtask isa`: every variant of every pass, compiled by AMD's open compiler, without its GPUs.
 //!
-//! Mesa's driver RADV has a null device, which compiles and runs nothing. The SPIR-V is that of the test `every_variant_is_translated`, the
-//! figures are those of `VK_KHR_pipeline_executable_properties`.
+//! Mesa's driver RADV has a null device, which compiles and runs nothing. The SPIR-V comes from the test `every_variant_is_translated`, and
+//! the figures from `VK_KHR_pipeline_executable_properties`.
 
 mod compiler;
 mod figures;
@@ -23,11 +23,11 @@ use figures::{Figures, Table};
 
 /// GPUs by the driver's names: RDNA 3, RDNA 2, the Steam Deck (RDNA 2) and RDNA 4.
 const GPUS: [&str; 4] = ["navi31", "navi21", "vangogh", "gfx1201"];
-/// Pipelines of one process. More would save nothing, and a crash loses what the process has not done yet.
+/// Pipelines of one process. A higher value would save nothing, and a crash loses the rest of the process's pipelines.
 const BATCH: usize = 50;
-/// Figures of the passes below, and of those that spill.
+/// Figures of the passes below, and of passes that spill.
 const FILE: &str = "tests/shaders/isa.txt";
-/// What the presets run in plain scenes with either tracer, and the passes of the hardware back end.
+/// Passes of the presets in plain scenes with either tracer, and the passes of the hardware back end.
 const PRESETS: [&str; 32] = [
     "composite/resolve.resolve",
     "composite/resolve.resolve IN_PLACE TILES",
@@ -64,21 +64,21 @@ const PRESETS: [&str; 32] = [
 ];
 /// The test that writes the SPIR-V.
 const TEST: &str = "every_variant_is_translated";
-/// The table of all, beside the SPIR-V.
+/// The table of all figures, beside the SPIR-V.
 const ALL: &str = "isa.txt";
-/// The vertex shader for fragment shaders whose module has none.
+/// The vertex shader for fragment shaders in a module without one.
 const TRIANGLE: &str = "scene-texture_layers.vertex.spv";
 
 /// Arguments of `isa`.
 #[derive(clap::Args)]
 pub struct Options {
-    /// Write the file of figures anew.
+    /// Rewrite the file of figures.
     #[arg(long)]
     accept: bool,
-    /// Compile all pipelines for each GPU, not for the first alone.
+    /// Compile all pipelines for each GPU, not only for the first.
     #[arg(long)]
     all: bool,
-    /// Take the shaders that the last run of the tests left.
+    /// Use the shaders from the last run of the tests.
     #[arg(long)]
     translated: bool,
 }
@@ -95,10 +95,10 @@ pub fn run(options: &Options) -> Result<()> {
     })
 }
 
-/// Finds the GPUs that the driver knows.
+/// Finds the GPUs that the driver supports.
 ///
 /// # Errors
-/// There is no such driver, or it has no null device.
+/// If there is no such driver, or it has no null device.
 pub fn prepare() -> Result<Vec<Compiler>> {
     let [first, others @ ..] = GPUS;
     let compiler = Compiler::new(first)?;
@@ -132,9 +132,9 @@ fn translate() -> Result<()> {
     cargo::run(&mut command, TEST)
 }
 
-/// Compiles what the tests translated, and fails if a pipeline can't be compiled, takes memory for registers, or differs from the file.
+/// Compiles the translated shaders. Fails if a pipeline can't be compiled, uses memory for registers, or differs from the file.
 ///
-/// The first GPU gets all pipelines. The others get those of the file unless `all` is on.
+/// The first GPU gets all pipelines. The others get the pipelines of the file unless `all` is on.
 pub fn judge(compilers: &[Compiler], all: bool, accept: bool) -> Result<()> {
     let folder = temporary_folder()?;
     let pipelines = pipelines(&folder.join("translations"))?;
@@ -235,8 +235,8 @@ fn compile(jobs: &[Job]) -> Result<Vec<Outcome>> {
     Ok(done.into_iter().flat_map(|(_, outcomes)| outcomes).collect())
 }
 
-/// The program's arguments by name, such as `trace/blocks.trace MIRRORS RAY_QUERY`. Many definitions make no difference to a pass: each
-/// shader is there once, by its shortest name.
+/// The program's arguments by name, such as `trace/blocks.trace MIRRORS RAY_QUERY`. Many definitions make no difference to a pass, so each
+/// shader is listed once, by its shortest name.
 fn pipelines(folder: &Path) -> Result<BTreeMap<String, String>> {
     let files = fs::read_dir(folder).with_context(|| format!("{}: run the tests first", folder.display()))?;
     let mut paths: Vec<_> = files.map(|file| Ok(file?.path())).collect::<Result<_>>()?;
@@ -305,7 +305,7 @@ fn driver_version(name: &str) -> String {
     name.rsplit(", ").next().unwrap_or_default().to_owned()
 }
 
-/// The folder that tests write to.
+/// The output folder of tests.
 fn temporary_folder() -> Result<PathBuf> {
     let mut metadata = cargo::cargo("metadata");
     let output = metadata.args(["--no-deps", "--format-version=1"]).output()?;
@@ -318,7 +318,7 @@ fn temporary_folder() -> Result<PathBuf> {
 mod tests {
     use super::*;
 
-    /// A shader with 300 values that all live in a loop.
+    /// A shader with 300 values that are all live in a loop.
     fn spilling() -> String {
         let each = |line: fn(usize) -> String| (0..300).map(line).collect::<String>();
         format!(

@@ -1,6 +1,6 @@
 //! The commands of this workspace, run as `cargo xtask <command>`.
 //!
-//! They need nothing but cargo and a C/C++ compiler: the Vulkan driver is looked for, and installed where that is possible.
+//! They need only cargo and a C/C++ compiler: the Vulkan driver is searched for, and installed if possible.
 
 mod cargo;
 mod cases;
@@ -52,11 +52,11 @@ enum Command {
     Web(web::Options),
     /// Follow the README in a new crate, as a new user would; `--measure` reports the plugin's compile time and size.
     NewUser(new_user::Options),
-    /// Make the package of the library and have cargo check it; nothing is uploaded.
+    /// Make the package of the library and check it with cargo; nothing is uploaded.
     Package(package::Options),
     /// Count habits of speech in comments: `words --list may src/denoise`.
     Words(words::Options),
-    /// Everything that must hold before a change is merged: format, lints, feature sets, docs, tests.
+    /// Run everything that a change must pass before it is merged: format, lints, feature sets, docs, tests.
     Ci,
 }
 

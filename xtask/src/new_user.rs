@@ -1,4 +1,4 @@
-//! `cargo xtask new-user`: an app that is made as the README says, in a crate of its own.
+//! `cargo xtask new-user`: an app that follows the README, in its own crate.
 
 use anyhow::Result;
 
@@ -8,7 +8,7 @@ use crate::{cargo, environment, package, progress};
 /// Arguments of `new-user`.
 #[derive(clap::Args, Default)]
 pub struct Options {
-    /// Measure the plugin's share of the app's compile time and size, and run nothing.
+    /// Measure the plugin's contribution to the app's compile time and size, and run nothing.
     #[arg(long)]
     measure: bool,
 }
@@ -23,7 +23,7 @@ pub fn run(options: &Options) -> Result<()> {
         let mut command = cargo::tests();
         command.args(["--test", "app"]).env("GLINT_PACKAGE", &package);
         if environment::is_ci() {
-            // Here a test that can't run must not pass for one that did.
+            // Here a test that can't run must not count as passed.
             command.env("GLINT_REQUIRE_GPU", "1");
         }
         let test = if options.measure {

@@ -1,7 +1,7 @@
 //! `cargo xtask package`: the library as it would be published.
 //!
-//! The address of the repository is one setting: `repository` in `Cargo.toml`, or the option of the same name. With it, links and images
-//! of the packaged README are absolute, so that they work on any site.
+//! The address of the repository is one setting: `repository` in `Cargo.toml`, or the option of the same name. It makes links and images
+//! of the packaged README absolute, so that they work on any site.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -14,21 +14,21 @@ use crate::{cargo, progress};
 
 /// The library.
 const PACKAGE: &str = "bevy_glint";
-/// Files that cargo adds to a package and refuses to package again.
+/// Files that cargo adds to a package but refuses to package again.
 const ADDED: [&str; 3] = ["Cargo.toml.orig", ".cargo_vcs_info.json", "Cargo.lock"];
 
 /// Arguments of `package`.
 #[derive(clap::Args, Default)]
 pub struct Options {
-    /// Address of the repository; `repository` of Cargo.toml if it is left out.
+    /// Address of the repository (default: `repository` of Cargo.toml).
     #[arg(long, value_name = "URL")]
     repository: Option<String>,
-    /// Also build the package with its default features, which compiles Bevy anew.
+    /// Also build the package with its default features, which compiles Bevy again.
     #[arg(long)]
     verify: bool,
 }
 
-/// Makes the package, and has cargo go through all of its publication but the upload.
+/// Makes the package, and runs all steps of cargo's publication except the upload.
 ///
 /// # Errors
 /// If cargo refuses the package.
@@ -61,12 +61,12 @@ pub fn run(options: &Options) -> Result<()> {
     Ok(())
 }
 
-/// Packages the library, and unpacks it below a folder; returns where it is.
+/// Packages the library, unpacks it below a folder, and returns its path.
 ///
 /// # Errors
 /// If cargo refuses the package.
 pub fn unpack(folder: &Path) -> Result<PathBuf> {
-    // Only this version is to be found there.
+    // Leaves only this version there.
     _ = fs::remove_dir_all(folder);
     let mut command = cargo::cargo("package");
     command.args([
@@ -90,7 +90,7 @@ pub fn unpack(folder: &Path) -> Result<PathBuf> {
     Ok(files[0].with_extension(""))
 }
 
-/// The address that the library's manifest names.
+/// The address in the library's manifest.
 fn repository() -> Result<Option<String>> {
     let mut metadata = cargo::cargo("metadata");
     let output = metadata.args(["--no-deps", "--format-version=1"]).output()?;
@@ -113,7 +113,7 @@ fn fill_in(folder: &Path, repository: &str) -> Result<()> {
     Ok(())
 }
 
-/// A Markdown text with addresses in place of paths.
+/// Replaces paths of a Markdown text by addresses.
 fn absolute_links(text: &str, repository: &str) -> String {
     let repository = repository.trim_end_matches('/').trim_end_matches(".git");
     let mut is_code = false;

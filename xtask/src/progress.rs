@@ -1,4 +1,4 @@
-//! A line when a step begins, one with the time it took when it ends, and a table of all of them.
+//! Prints a line when a step begins, another one with its time when it ends, and a table of all times.
 
 use std::fmt;
 use std::io::{self, Write};
@@ -11,22 +11,22 @@ pub fn step<T>(name: &str, action: impl FnOnce() -> Result<T>) -> Result<T> {
     Times::default().step(name, action)
 }
 
-/// A line about something that was found or decided.
+/// Prints a line about a finding or a decision.
 pub fn note(text: impl fmt::Display) {
     say(format_args!("    {text}"));
 }
 
-/// A line on stderr, which leaves stdout to results; a reader that went away is no failure.
+/// Prints a line on stderr, which leaves stdout to results. A closed pipe is no failure.
 pub fn say(text: impl fmt::Display) {
     _ = writeln!(io::stderr(), "{text}");
 }
 
-/// A result's line on stdout; a reader that went away is no failure.
+/// Prints a result's line on stdout. A closed pipe is no failure.
 pub fn result(text: impl fmt::Display) {
     _ = writeln!(io::stdout(), "{text}");
 }
 
-/// Output of another program; a reader that went away is no failure.
+/// Passes on the output of another program. A closed pipe is no failure.
 pub fn raw(bytes: &[u8]) {
     let mut stdout = io::stdout().lock();
     _ = stdout.write_all(bytes).and_then(|()| stdout.flush());
@@ -37,7 +37,7 @@ pub fn raw(bytes: &[u8]) {
 pub struct Times(Vec<[String; 3]>);
 
 impl Times {
-    /// Runs `action` as a step with a name, and writes down its time.
+    /// Runs `action` as a step with a name, and records its time.
     pub fn step<T>(&mut self, name: &str, action: impl FnOnce() -> Result<T>) -> Result<T> {
         say(format_args!("==> {name}"));
         let start = Instant::now();
@@ -68,7 +68,7 @@ impl fmt::Display for Times {
     }
 }
 
-/// A duration as people say it: `0.4 s`, `12 s`, `3 min 07 s`.
+/// A readable duration: `0.4 s`, `12 s`, `3 min 07 s`.
 pub struct Elapsed(pub Duration);
 
 impl fmt::Display for Elapsed {

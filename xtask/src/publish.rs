@@ -1,4 +1,4 @@
-//! Results of the evaluation that the repository shows.
+//! Results of the evaluation in the repository's pages.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -7,11 +7,11 @@ use anyhow::{Context, Result};
 
 use crate::progress;
 
-/// The folder with results that the pages of the repository show.
+/// The folder of these results.
 const FOLDER: &str = "docs/evaluation";
 /// The page with all techniques.
 const PAGE: &str = "docs/performance.md";
-/// The page with the presets alone.
+/// The page with only the presets.
 const README: &str = "README.md";
 /// The presets of the README, with their rays per pixel.
 const PRESETS: [(&str, &str); 4] = [

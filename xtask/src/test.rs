@@ -29,35 +29,35 @@ use crate::{environment, new_user, package, web};
 mod long;
 pub use long::run as run_long;
 
-/// Test programs that run at a time: most of their time is spent on one core, since the last test of each runs alone and shaders are
-/// compiled by one thread.
+/// Number of test programs that run at a time. They mostly use one core, since the last test of each runs alone and one thread compiles
+/// shaders.
 const JOBS: NonZeroUsize = NonZeroUsize::MIN.saturating_add(1);
-/// Tests of one program that run at a time, unless the environment says otherwise: each GPU test has a device of its own, and the
-/// CPU driver uses every core.
+/// Number of tests of one program that run at a time, unless the environment overrides it: each GPU test has its own device, and the CPU
+/// driver uses every core.
 const THREADS: (&str, &str) = ("RUST_TEST_THREADS", "3");
 /// Settings of glibc (`mallopt(3)`), in bytes: the size from which blocks come straight from the system, and the free memory above which
-/// some goes back. The CPU driver allocates and frees megabytes in each frame, and the system would clear their pages each time. It saves
-/// a tenth of the CPU time of tests that draw; with more, programs hold more memory that they don't use.
+/// some is returned. The CPU driver allocates and frees megabytes in each frame, and the system would clear their pages each time. These
+/// values save a tenth of the CPU time of tests that draw. Higher ones make programs keep more unused memory.
 const KEPT_MEMORY: [(&str, &str); 2] = [
     ("MALLOC_MMAP_THRESHOLD_", "268435456"),
     ("MALLOC_TRIM_THRESHOLD_", "1073741824"),
 ];
-/// The profile of these builds checks for overflows, and a test sees to it.
+/// The profile of these builds checks for overflows, and a test checks that it does.
 const CHECKED: (&str, &str) = ("GLINT_REQUIRE_CHECKS", "1");
-/// In continuous integration, a test that can't run must not pass for one that did.
+/// In continuous integration, a test that can't run must not count as passed.
 const REQUIRED: [(&str, &str); 3] = [
     ("GLINT_REQUIRE_GPU", "1"),
     ("GLINT_REQUIRE_RAY_QUERY", "1"),
     ("GLINT_REQUIRE_TRANSLATIONS", "1"),
 ];
-/// Tells the tests of shaders which program translates them.
+/// Program with which the shader tests translate shaders.
 const TRANSLATOR: &str = "GLINT_TRANSLATOR";
-/// Lets the test harness print the time of each test, which it does on no stable compiler otherwise.
+/// Makes the test harness print the time of each test, which stable compilers otherwise don't allow.
 const UNSTABLE: (&str, &str) = ("RUSTC_BOOTSTRAP", "1");
 const REPORT_TIME: [&str; 2] = ["-Zunstable-options", "--report-time"];
-/// Names the file in which the apps of tests note what they did (`tools/scenes/src/headless/profile.rs`).
+/// File in which the apps of tests record their work (`tools/scenes/src/headless/profile.rs`).
 const PROFILE: &str = "GLINT_TEST_PROFILE";
-/// Names the tracer of tests that any tracer can run (`tests/app/pictures.rs`).
+/// Tracer of tests that can run with any tracer (`tests/app/pictures.rs`).
 const TRACER: &str = "GLINT_TEST_TRACER";
 /// Rows in the table of the slowest tests.
 const SLOWEST: usize = 20;
@@ -68,7 +68,7 @@ pub struct Options {
     /// Test programs that run at a time.
     #[arg(long, value_name = "N", default_value_t = JOBS)]
     jobs: NonZeroUsize,
-    /// Run the long tests, too: pictures over hundreds of frames, stress, the page, the package, the new user's app.
+    /// Run the long tests, too: images over hundreds of frames, stress, the page, the package, the new user's app.
     #[arg(long)]
     pub all: bool,
     /// A filter, and other options of the test programs.
@@ -105,7 +105,7 @@ pub fn run(options: &Options) -> Result<()> {
     result
 }
 
-/// What is tested by commands of its own: the page, the package and the app of a new user. All of them run, even if one fails.
+/// Steps that have their own commands: the page, the package and the app of a new user. All of them run, even if one fails.
 fn long_steps(times: &mut Times) -> Result<()> {
     let page = times.step("page in a browser", web::check);
     let package = times.step("package", || package::run(&package::Options::default()));
@@ -113,7 +113,7 @@ fn long_steps(times: &mut Times) -> Result<()> {
     page.and(package).and(new_user)
 }
 
-/// The test programs, and what they need.
+/// The test programs, and their requirements.
 pub struct Suite {
     programs: Vec<Executable>,
     translator: PathBuf,
@@ -125,7 +125,7 @@ impl Suite {
     pub fn build(times: &mut Times) -> Result<Self> {
         driver::prepare(Need::RayQuery)?;
         let translator = times.step("build of the translator", || cargo::program_apart("tools/translate"))?;
-        // Without the examples: a test includes their code, so that to link each of them would prove nothing more.
+        // Without the examples: a test includes their code, so linking each of them would prove nothing more.
         let mut programs = times.step("build of the tests", || {
             cargo::build(cargo::tests().args(["--no-run", "--tests"]))
         })?;
@@ -204,9 +204,9 @@ impl Results {
         results
     }
 
-    /// Adds the results of long tests, which were left out before.
+    /// Adds the results of long tests, which were skipped before.
     pub fn add(&mut self, second: Self) {
-        // What the first tier left out has run now, or is left out again.
+        // Tests that the first tier skipped have run now, or are skipped again.
         let others = self
             .tally
             .ignored
@@ -219,7 +219,7 @@ impl Results {
         self.long = second.long;
     }
 
-    /// Prints the slowest tests, the work of all, and the names of those that were left out. Fails if a test did.
+    /// Prints the slowest tests, the work of all, and the names of the skipped ones. Fails if a test failed.
     pub fn judge(mut self) -> Result<()> {
         let slowest = cases::slowest(mem::take(&mut self.cases), SLOWEST);
         progress::result(format_args!("\nslowest tests:\n{slowest}\nall tests: {}", self.cost));
@@ -274,7 +274,7 @@ fn defaults() -> Vec<(&'static str, &'static str)> {
 struct Test {
     name: String,
     command: Command,
-    /// File of what its apps did.
+    /// File in which its apps record their work.
     profile: Option<TempPath>,
 }
 
@@ -302,7 +302,7 @@ impl Test {
     }
 }
 
-/// Examples in the documentation are compiled and run by rustdoc.
+/// Examples in the documentation, which rustdoc compiles and runs.
 fn documentation() -> Test {
     let mut command = cargo::tests();
     command.args(["--doc", "--"]);
@@ -313,7 +313,7 @@ fn documentation() -> Test {
     }
 }
 
-/// How a test program ended.
+/// The outcome of a test program.
 struct Outcome {
     name: String,
     time: Duration,
@@ -323,7 +323,7 @@ struct Outcome {
     costs: Costs,
 }
 
-/// Runs all tests, some at a time. With several at a time, the output of each is shown when it has ended.
+/// Runs all tests, some at a time. With several at a time, each output is shown when the test has ended.
 fn run_all(tests: Vec<Test>, jobs: NonZeroUsize, show: fn(&[u8])) -> Vec<Outcome> {
     let queue = Mutex::new(tests.into_iter());
     let next = || queue.lock().ok()?.next();
@@ -381,7 +381,7 @@ fn capture(command: &mut Command, mut receive: impl FnMut(&[u8])) -> io::Result<
         .stdout(writer.try_clone()?)
         .stderr(writer)
         .spawn()?;
-    // The command holds the writers that would keep the pipe open.
+    // The command owns the writers, which would keep the pipe open.
     command.stdout(Stdio::null()).stderr(Stdio::null());
     let mut chunk = [0; 4096];
     while let length @ 1.. = reader.read(&mut chunk)? {

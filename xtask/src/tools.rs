@@ -1,6 +1,6 @@
 //! The commands that build a program of this workspace and run it: `demo`, `bench`, `evaluate` and `stress`.
 //!
-//! The programs parse their own options, so this file only knows their requirements.
+//! The programs parse their own options, so this file only contains their requirements.
 
 use std::env;
 use std::ffi::OsString;
@@ -34,7 +34,7 @@ pub struct EvaluateOptions {
 
 const VIEWER: &str = "glint_viewer";
 
-/// Shows a scene in a window; where there is no display, writes an image.
+/// Shows a scene in a window, or writes an image if there is no display.
 pub fn demo(options: Options) -> Result<()> {
     driver::prepare(Need::Vulkan)?;
     let mut arguments = options.arguments;
@@ -70,7 +70,7 @@ pub fn evaluate(options: EvaluateOptions) -> Result<()> {
 /// Attacks every stage with hostile input.
 pub fn stress(options: &Options) -> Result<()> {
     driver::prepare(Need::RayQuery)?;
-    // Broken files are shown to it.
+    // It gets broken files.
     progress::step(&format!("build {VIEWER}"), || cargo::program(VIEWER))?;
     run("glint_stress", &options.arguments)
 }
@@ -80,9 +80,9 @@ fn run(name: &str, arguments: &[OsString]) -> Result<()> {
     progress::step(&format!("run {name}"), || cargo::run(command.args(arguments), name))
 }
 
-/// True if a window can be opened.
+/// Returns whether a window can be opened.
 ///
-/// On Linux that means X11: Bevy is built with it alone, and Wayland desktops serve it too.
+/// On Linux that requires X11: Bevy is built with only X11, and Wayland desktops support it too.
 fn has_display() -> bool {
     !cfg!(all(unix, not(target_os = "macos"))) || env::var_os("DISPLAY").is_some_and(|display| !display.is_empty())
 }

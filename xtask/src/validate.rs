@@ -1,6 +1,6 @@
 //! `cargo xtask validate`: each technique and the raw Vulkan pass under Vulkan's validation layers, with synchronisation validation.
 //!
-//! CPU drivers do one thing after the other, so a missing barrier shows in none of their images.
+//! CPU drivers execute commands one after the other, so their images don't show a missing barrier.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -16,7 +16,7 @@ use crate::progress;
 const LAYER: &str = "VK_LAYER_KHRONOS_validation";
 const MANIFEST: &str = "vulkan/explicit_layer.d/VkLayer_khronos_validation.json";
 
-/// Settings of the layer. Messages go to stdout, since each Vulkan instance would begin a file anew.
+/// Settings of the layer. Messages go to stdout, since each Vulkan instance would start a new file.
 const SETTINGS: &str = "khronos_validation.debug_action = VK_DBG_LAYER_ACTION_LOG_MSG
 khronos_validation.report_flags = error,warn
 khronos_validation.log_filename = stdout
@@ -27,7 +27,7 @@ khronos_validation.duplicate_message_limit = 4
 
 /// Tests of the library that compare all ways to trace the same rays: the fragment shader, the compute shader and the raw Vulkan pass.
 const TESTS: &str = "back_ends::";
-/// Techniques that the bench renders, beside them.
+/// Techniques that the bench renders in addition.
 const BENCH: [&str; 10] = [
     "--skip-build",
     "--scene=atrium",
@@ -41,7 +41,7 @@ const BENCH: [&str; 10] = [
     "--rounds=2",
 ];
 
-/// Messages that are no fault of this crate: their names, words of theirs, and the reason.
+/// Messages that this crate doesn't cause: their names, a part of their text, and the reason.
 const EXPLAINED: [(&str, &str, &str); 2] = [
     (
         "VUID-VkDeviceCreateInfo-pNext-pNext",
@@ -58,7 +58,7 @@ const EXPLAINED: [(&str, &str, &str); 2] = [
 /// Renders under the layer.
 ///
 /// # Errors
-/// If the layer isn't installed, something can't be rendered, or the layer says something that isn't explained.
+/// If the layer isn't installed, something can't be rendered, or the layer reports an unexplained message.
 pub fn run() -> Result<()> {
     driver::prepare(Need::RayQuery)?;
     ensure!(
@@ -97,7 +97,7 @@ fn measure(settings: &Path) -> Result<()> {
     messages.judge()
 }
 
-/// Messages of the layer: how often each came, by name and beginning.
+/// Messages of the layer: the number of each, by name and beginning.
 #[derive(Default)]
 struct Messages(BTreeMap<String, u32>);
 

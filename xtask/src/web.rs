@@ -11,13 +11,13 @@ use crate::{cargo, environment, progress};
 /// The platform of browsers.
 pub const TARGET: &str = "wasm32-unknown-unknown";
 
-/// The folder of the page, unless said otherwise.
+/// The default folder of the page.
 pub const FOLDER: &str = "target/web";
 
 const DEMO: &str = "glint_web";
-/// Packs, serves and checks.
+/// The program that packs, serves and checks the page.
 const BROWSER: &str = "tools/browser";
-/// The image that the check compares with: the settings of its page.
+/// Settings of the native image for the check: the page's settings.
 const EXPECTED: [&str; 10] = [
     "--headless",
     "--still",
@@ -31,7 +31,7 @@ const EXPECTED: [&str; 10] = [
     "--out",
 ];
 
-/// Has Mesa's CPU driver compute mip levels as others do, instead of approximately.
+/// Makes Mesa's CPU driver compute mip levels as others do, instead of approximately.
 const EXACT_TEXTURES: (&str, &str) = ("GALLIVM_PERF", "no_brilinear,no_rho_approx,no_quad_lod,no_aos_sampling");
 
 /// Arguments of `web`.
@@ -65,7 +65,7 @@ pub fn has_target() -> bool {
 /// Makes sure that the page can be built and opened: in continuous integration, missing tools are installed if possible.
 ///
 /// # Errors
-/// If something is missing, which the error names.
+/// If something is missing; the error names it.
 pub fn prepare() -> Result<()> {
     ensure!(cfg!(target_os = "linux"), "Chromium is looked for on Linux alone");
     if !has_target() && environment::is_ci() {
@@ -113,7 +113,7 @@ pub fn run(options: &Options) -> Result<()> {
     Ok(())
 }
 
-/// Builds the page into a folder; returns the program that serves and checks it.
+/// Builds the page into a folder, and returns the program that serves and checks it.
 fn build(out: &Path) -> Result<PathBuf> {
     ensure!(
         has_target(),
@@ -129,7 +129,7 @@ fn build(out: &Path) -> Result<PathBuf> {
     Ok(browser)
 }
 
-/// Builds the page and renders the native image; returns the command that compares both.
+/// Builds the page and renders the native image. Returns the command that compares both.
 ///
 /// # Errors
 /// If something can't be built or rendered.
@@ -149,7 +149,7 @@ pub fn prepare_check(page: &Path) -> Result<Command> {
     Ok(check)
 }
 
-/// Builds the demo; returns the program.
+/// Builds the demo, and returns the program.
 fn demo() -> Result<PathBuf> {
     let mut command = cargo::cargo("build");
     command.args(["--profile=web", "--ignore-rust-version", "--target", TARGET, "-p", DEMO]);

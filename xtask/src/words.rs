@@ -23,7 +23,7 @@ struct Pattern {
     name: &'static str,
     /// Occurrences per 1,000 lines of comments to aim at.
     limit: Option<f64>,
-    /// Sequences of words in lower case, any of which counts. A sequence that begins with `^` counts at the start of a comment alone.
+    /// Sequences of words in lower case, any of which counts. A sequence that begins with `^` counts only at the start of a comment.
     words: &'static [&'static [&'static str]],
 }
 

@@ -1,4 +1,4 @@
-//! AMD's compiler in processes of its own: it can crash, and it can run forever.
+//! AMD's compiler in separate processes: it can crash, and it can run forever.
 
 use std::env;
 use std::ffi::OsString;
@@ -13,12 +13,13 @@ use anyhow::{Context, Result};
 
 use crate::cargo;
 
-/// Processes in a row that may crash at the same pipeline. Mesa 25.0.7 crashes in one of three at its largest, and compiles them in the next.
+/// Maximum number of consecutive processes that crash at the same pipeline. Mesa 25.0.7 crashes in one of three at its largest,
+/// and compiles them in the next.
 const TRIES: usize = 8;
-/// Time of one pipeline. The slowest takes two seconds.
+/// Time limit of one pipeline. The slowest takes two seconds.
 const LIMIT: Duration = Duration::from_secs(60);
 
-/// The compiler's word on a pipeline: figures by name, or the reason why there are none.
+/// The compiler's result for a pipeline: figures by name, or the reason for their absence.
 pub type Outcome = Result<Vec<(String, String)>, String>;
 
 /// The compiler for one GPU.
@@ -29,7 +30,7 @@ pub struct Compiler {
     pub driver: PathBuf,
     /// The driver's name of the GPU.
     pub gpu: &'static str,
-    /// Time of one pipeline.
+    /// Time limit of one pipeline.
     pub limit: Duration,
 }
 
@@ -37,7 +38,7 @@ impl Compiler {
     /// Builds the program, and finds the driver.
     ///
     /// # Errors
-    /// The program can't be built, or there is no driver of AMD's GPUs.
+    /// If the program can't be built, or there is no driver for AMD's GPUs.
     pub fn new(gpu: &'static str) -> Result<Self> {
         Ok(Self {
             driver: driver().context("Mesa's driver of AMD's GPUs (`radeon_icd.json`) isn't installed")?,
@@ -47,7 +48,7 @@ impl Compiler {
         })
     }
 
-    /// The same for another GPU.
+    /// Like `self`, for another GPU.
     pub fn for_gpu(&self, gpu: &'static str) -> Self {
         Self {
             program: self.program.clone(),
@@ -57,10 +58,10 @@ impl Compiler {
         }
     }
 
-    /// Name of the GPU and version of the driver.
+    /// Returns the name of the GPU and the version of the driver.
     ///
     /// # Errors
-    /// The driver has no null device, or doesn't know the GPU.
+    /// If the driver has no null device, or doesn't support the GPU.
     pub fn name(&self) -> Result<String> {
         let output = self.command(&[]).stderr(Stdio::piped()).output()?;
         let said = String::from_utf8_lossy(&output.stdout);
@@ -74,7 +75,7 @@ impl Compiler {
         said.lines().next().map(str::to_owned).with_context(reason)
     }
 
-    /// Compiles pipelines, and returns the outcome of each. A pipeline at which a process crashes gets more tries in fresh ones.
+    /// Compiles pipelines, and returns the outcome of each. After a crash the pipeline gets more tries in fresh processes.
     pub fn compile(&self, pipelines: &[&str]) -> Result<Vec<Outcome>> {
         let (mut outcomes, mut crashes) = (Vec::new(), 0);
         while outcomes.len() < pipelines.len() {
@@ -96,7 +97,7 @@ impl Compiler {
             .args(pipelines)
             .env("VK_DRIVER_FILES", &self.driver)
             .env("RADV_FORCE_FAMILY", self.gpu)
-            // Figures of a cache would be those of another build.
+            // Cached figures could come from another build.
             .env("MESA_SHADER_CACHE_DISABLE", "true")
             .env_remove("VK_ICD_FILENAMES")
             .env_remove("RUST_BACKTRACE")
@@ -105,14 +106,14 @@ impl Compiler {
         command
     }
 
-    /// Outcomes until the process ends, and how it ended.
+    /// Outcomes until the process ends, and the way it ended.
     fn process(&self, pipelines: &[&str]) -> Result<(Vec<Outcome>, End)> {
         let mut child = self.command(pipelines).stdout(Stdio::piped()).spawn()?;
         let output = child.stdout.take().context("no output")?;
         let (sender, lines) = mpsc::channel();
         thread::spawn(move || {
             let lines = BufReader::new(output).lines().map_while(Result::ok);
-            // The first names the device.
+            // The first line contains the device's name.
             lines.skip(1).try_for_each(|line| sender.send(line))
         });
         let mut outcomes = Vec::new();
@@ -131,7 +132,7 @@ impl Compiler {
     }
 }
 
-/// How a process ended.
+/// The end of a process.
 #[derive(Clone, Copy)]
 enum End {
     Done,
@@ -161,7 +162,7 @@ fn parse(line: &str) -> Outcome {
     }
 }
 
-/// The manifest of Mesa's driver, where distributions put it.
+/// The manifest of Mesa's driver, in the folders of distributions.
 fn driver() -> Option<PathBuf> {
     let folders = env::var_os("XDG_DATA_DIRS").unwrap_or_else(|| OsString::from("/usr/local/share:/usr/share"));
     let folders: Vec<_> = env::split_paths(&folders).collect();
@@ -172,7 +173,7 @@ fn driver() -> Option<PathBuf> {
         .map(|file| file.path());
     files.find(|path| {
         let name = path.file_name().unwrap_or_default().to_string_lossy();
-        // Of this machine's architecture: others have suffixes of their own.
+        // For this machine's architecture. Others have their own suffixes.
         name == "radeon_icd.json" || name == format!("radeon_icd.{}.json", env::consts::ARCH)
     })
 }

@@ -1,14 +1,14 @@
-//! The figures of the compiler in a file, and what differs from it.
+//! The compiler's figures in a file, and the differences from it.
 
 use std::collections::BTreeMap;
 use std::fmt::Write;
 
 use anyhow::{Context, Result, bail};
 
-/// Names of the columns, with what the driver calls them, and by how many percent a figure may differ from the file's.
+/// Names of the columns, with the driver's names, and the allowed difference from the file in percent.
 ///
-/// Scalar registers spill to lanes of vector registers, vector registers to memory (scratch). Registers may change as long as as many
-/// subgroups fit a SIMD. The last three are the compiler's own counts and estimates.
+/// Scalar registers spill to lanes of vector registers, vector registers to memory (scratch). The number of registers can change as
+/// long as the same number of subgroups fits a SIMD. The last three are the compiler's own counts and estimates.
 pub const COLUMNS: [(&str, &str, Option<f64>); 9] = [
     ("VGPRs", "VGPRs", None),
     ("spilled VGPRs", "Spilled VGPRs", Some(0.0)),
@@ -26,7 +26,7 @@ pub const COLUMNS: [(&str, &str, Option<f64>); 9] = [
 pub struct Figures(pub [u64; COLUMNS.len()]);
 
 impl Figures {
-    /// Picks them from all that the driver told.
+    /// Selects them from the driver's figures.
     pub fn read(told: &[(String, String)]) -> Result<Self> {
         let mut figures = Self::default();
         for (figure, (_, wanted, _)) in figures.0.iter_mut().zip(COLUMNS) {
@@ -78,7 +78,7 @@ pub fn from_text(text: &str) -> Result<(String, Table)> {
     Ok((driver, table))
 }
 
-/// The differences that are too large, a line each. What the file lacks differs if it spills.
+/// The differences that are too large, a line each. A pipeline that the file lacks counts if it spills.
 pub fn changes(file: &Table, found: &Table) -> Vec<String> {
     let mut changes = Vec::new();
     for ((name, gpu), figures) in found {

@@ -6,11 +6,11 @@ use super::{Options, Results, Suite, TRACER, Test};
 use crate::cases::Case;
 use crate::progress::{self, Times};
 
-/// Tests of one module of a program and one tracer, which share what they compute in one process.
+/// Tests of one module of a program and one tracer, which share their results in one process.
 type Group = (String, Vec<Case>);
 
-/// Runs long tests: all of them, or as many modules as begin before a point in time. It then begins at another module in each run, so that
-/// none is left out for long.
+/// Runs long tests: all of them, or as many modules as begin before a point in time. In the latter case each run begins at another module,
+/// so that none is skipped for long.
 pub fn run(
     suite: &Suite,
     options: &Options,

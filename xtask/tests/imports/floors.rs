@@ -1,4 +1,4 @@
-//! The floors of the library, as its architecture document shows them.
+//! The floors of the library, from its architecture document.
 
 use crate::graph::Arrows;
 use std::{
@@ -51,7 +51,7 @@ impl Floors {
         let mut wrong = Vec::new();
         for (from, to) in arrows {
             let (a, b) = (module(from), module(to));
-            // Another file takes the place of raw Vulkan where it isn't compiled.
+            // Another file replaces raw Vulkan if that isn't compiled.
             let is_stand_in = [&a, &b].iter().all(|name| ["vrs", "no_vrs"].contains(&name.as_str()));
             if a != b && !is_stand_in && floor(&a) <= floor(&b) {
                 wrong.push(format!(

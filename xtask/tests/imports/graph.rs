@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 /// Arrows from a file to one that it imports.
 pub type Arrows = BTreeSet<(String, String)>;
 
-/// Groups of files that reach each other, one line for each with the arrows inside of it.
+/// Groups of files that reach each other, one line for each with its inner arrows.
 pub fn circles(arrows: &Arrows) -> Vec<String> {
     let mut next: BTreeMap<&str, Vec<&str>> = BTreeMap::new();
     for (from, to) in arrows {
@@ -41,7 +41,7 @@ pub fn circles(arrows: &Arrows) -> Vec<String> {
     groups.into_iter().map(describe).collect()
 }
 
-/// For each folder the arrows between its children, which are files and folders. A file and the folder of the same name are one.
+/// For each folder the arrows between its children (files and folders). A file and the folder of the same name are one.
 pub fn between_children(arrows: &Arrows) -> BTreeMap<String, Arrows> {
     let mut found: BTreeMap<String, Arrows> = BTreeMap::new();
     for (from, to) in arrows {

@@ -1,7 +1,7 @@
 //! Imports run one way: no circle between files or folders, and no import from a lower floor to a higher one.
 //!
 //! The arrows are read from the code's own paths: `crate::..`, `super::..` and `use` in Rust, `import package::..` in WESL. Test modules
-//! don't count, and neither do re-exports of a module's own children. The floors are those of `docs/architecture.md`.
+//! don't count, and neither do re-exports of a module's own children. The floors come from `docs/architecture.md`.
 
 mod floors;
 mod graph;
@@ -106,7 +106,7 @@ fn the_document_shows_all_modules() {
 fn the_code_is_read() {
     let arrows = arrows(&root());
     for known in [
-        // A name of a module's own, one that a folder hands on, and a shader.
+        // A module's own name, one that a folder re-exports, and a shader.
         ("src/passes.rs", "src/gbuffer.rs"),
         ("src/passes.rs", "src/rate/classify.rs"),
         ("src/trace/rays.wesl", "src/scene/shading.wesl"),

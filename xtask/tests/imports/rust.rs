@@ -13,18 +13,18 @@ use std::{
 /// A path of modules from the root of the crate.
 type ModulePath = Vec<String>;
 
-/// A name that a file brings in, or a path in its code.
+/// A name that a file imports, or a path in its code.
 struct Import {
     path: Vec<String>,
     name: String,
-    /// Handed on to others.
+    /// Re-exported.
     is_public: bool,
 }
 
 /// Contents of a file without its tests.
 #[derive(Default)]
 struct Contents {
-    /// Child modules, each with the file that an attribute names.
+    /// Child modules, each with the file name from its attribute.
     children: Vec<(String, Option<String>)>,
     imports: Vec<Import>,
     /// Items at the top of the file.
@@ -94,7 +94,7 @@ fn load(folder: &Path, file: &Path, path: ModulePath, modules: &mut Modules) {
     modules.entry(path).or_default().push(Source { file, contents });
 }
 
-/// Reads a file. The attribute `#[path = ".."]` is looked up in the source, since tokens hold no text.
+/// Reads a file. The attribute `#[path = ".."]` is looked up in the source, since tokens contain no text.
 fn read(tokens: &[Token], source: &str) -> Contents {
     let at = |i: usize| tokens.get(i).map_or("", String::as_str);
     let mut contents = Contents::default();
@@ -160,7 +160,7 @@ fn read(tokens: &[Token], source: &str) -> Contents {
     contents
 }
 
-/// The place behind the item that begins here, with its attributes.
+/// The position after the item that begins here, with its attributes.
 fn after_item(tokens: &[Token], start: usize) -> usize {
     let at = |i: usize| tokens.get(i).map_or("", String::as_str);
     let mut i = start;
@@ -193,7 +193,7 @@ fn after_item(tokens: &[Token], start: usize) -> usize {
 /// The files that an import leads to.
 fn targets(modules: &Modules, from: &ModulePath, import: &Import) -> BTreeSet<String> {
     let ends = resolve(modules, from, &import.path, 0).into_iter();
-    // Re-exporting an item of a child is no use of it.
+    // Re-exporting an item of a child doesn't count as use.
     let is_child = |module: &ModulePath| module.len() > from.len() && module.starts_with(from);
     ends.filter(|end| !(import.is_public && is_child(&end.module)))
         .map(|end| end.file)
@@ -274,7 +274,7 @@ fn child(module: &ModulePath, name: &str) -> ModulePath {
     child
 }
 
-/// The files that an item of a file comes from, its own or another one that re-exports it. An item of unknown origin counts as its own.
+/// The original files of an item, its own or another one that re-exports it. An item of unknown origin counts as its own.
 fn item(modules: &Modules, module: &ModulePath, source: &Source, name: &str, depth: usize) -> Vec<End> {
     let own = End {
         module: module.clone(),

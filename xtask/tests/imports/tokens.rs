@@ -3,7 +3,7 @@
 /// An identifier, or a single other character; `::` is one token.
 pub type Token = String;
 
-/// The tokens of a source. Literals of text are left out.
+/// The tokens of a source, without text literals.
 pub fn tokens(source: &str) -> Vec<Token> {
     let chars: Vec<char> = source.chars().collect();
     let at = |i: usize| chars.get(i).copied().unwrap_or('\0');
@@ -57,7 +57,7 @@ fn after_block_comment(chars: &[char], start: usize) -> usize {
     chars.len()
 }
 
-/// The place behind a literal of text that begins here.
+/// The position after a text literal that begins here.
 fn after_text(chars: &[char], start: usize) -> Option<usize> {
     let at = |i: usize| chars.get(i).copied().unwrap_or('\0');
     let begins_word = start == 0 || !(at(start - 1).is_alphanumeric() || at(start - 1) == '_');
@@ -91,7 +91,7 @@ fn after_text(chars: &[char], start: usize) -> Option<usize> {
     }
 }
 
-/// The place behind the bracket that closes the one at `open`.
+/// The position after the bracket that closes the one at `open`.
 pub fn after_group(tokens: &[Token], open: usize) -> usize {
     let mut depth = 0;
     for (i, token) in tokens.iter().enumerate().skip(open) {
@@ -107,8 +107,7 @@ pub fn after_group(tokens: &[Token], open: usize) -> usize {
     tokens.len()
 }
 
-/// The paths of a tree like `a::{b, c::{self, d as e}}` that begins at `start`, each with the name that it has from now on, and the
-/// place behind the tree.
+/// The paths of a tree like `a::{b, c::{self, d as e}}` that begins at `start`, each with its new name, and the position after the tree.
 pub fn path_tree(tokens: &[Token], start: usize) -> (Vec<(Vec<String>, String)>, usize) {
     let at = |i: usize| tokens.get(i).map_or("", String::as_str);
     let mut prefix: Vec<String> = Vec::new();

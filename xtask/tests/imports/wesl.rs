@@ -36,7 +36,7 @@ fn collect(folder: &Path, prefix: String, files: &mut Vec<String>) {
     }
 }
 
-/// The file of the longest part of a path that is a module.
+/// The file for the longest part of a path that is a module.
 fn module(path: &[String], files: &[String]) -> Option<String> {
     if !matches!(path.first()?.as_str(), "package" | "bevy_glint") {
         return None;
