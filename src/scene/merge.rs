@@ -38,6 +38,9 @@ const UPLOAD_WORDS_PER_FRAME: usize = 512 << 10;
 
 /// Maximum number of writes to cut an object out of a tree: each costs about a microsecond.
 const MOST_CUTS: usize = 512;
+/// Maximum number of writes to cut many objects out of a tree in one frame. More writes take longer; fewer dissolve trees for smaller
+/// explosions.
+const MOST_CUTS_PER_FRAME: usize = 2048;
 
 /// Frames for which merging waits while micromaps are being built: two seconds. A higher number merges a scene that streams in
 /// later; a lower one builds trees twice.
@@ -154,9 +157,9 @@ impl StaticMerge {
         status: &ReflectionStatus,
     ) -> bool {
         self.take_lost(meshes);
-        for (name, slot) in self.scheduler.take_cuts() {
-            if !self.cut_out(name, slot, meshes, queue) {
-                self.scheduler.dissolve_tree(name);
+        for cuts in self.scheduler.take_cuts().chunk_by(|a, b| a.0 == b.0) {
+            if !self.cut_out(cuts, meshes, queue) {
+                self.scheduler.dissolve_tree(cuts[0].0);
             }
         }
         for name in meshes.stranded_merged() {
@@ -215,16 +218,20 @@ impl StaticMerge {
         *self = Self::default();
     }
 
-    /// Removes the triangles of an object from a tree. Returns false if they are too scattered.
-    fn cut_out(&self, name: u64, slot: u32, meshes: &mut SceneMeshes, queue: &RenderQueue) -> bool {
+    /// Removes the triangles of some objects from their tree. Returns false if they are too scattered.
+    fn cut_out(&self, cuts: &[(u64, u32)], meshes: &mut SceneMeshes, queue: &RenderQueue) -> bool {
+        let Some(&(name, _)) = cuts.first() else { return true };
         let Some(TreeOwners { first, owners }) = self.owners.get(&name) else {
             return false;
         };
-        let triangles = owners.triangles(slot);
-        if runs(triangles, 0).count() > MOST_CUTS {
+        let slices = cuts.iter().map(|(_, slot)| owners.triangles(*slot));
+        let mut triangles: Vec<u32> = slices.flatten().copied().collect();
+        triangles.sort_unstable();
+        let most = (MOST_CUTS * cuts.len()).min(MOST_CUTS_PER_FRAME);
+        if runs(&triangles, 0).count() > most {
             return false;
         }
-        for run in runs(triangles, 0) {
+        for run in runs(&triangles, 0) {
             // Triangles without area, which no ray hits.
             let words = vec![0; run.len() * ITEM_WORDS as usize];
             let begin = (*first as usize + run.start) * ITEM_WORDS as usize;

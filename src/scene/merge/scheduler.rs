@@ -121,8 +121,10 @@ struct Slot {
 }
 
 struct Chunk {
-    /// Without members that were cut out.
+    /// Members in the order of the plan. Those that were cut out stay in the list, in another state, until they are half of it.
     members: Vec<u32>,
+    /// Number of members that were cut out and are still in the list.
+    gone: usize,
     /// In the tree's allocation.
     triangles: u64,
     /// Number of these triangles that were cut out.
@@ -170,6 +172,16 @@ pub(super) struct MergeScheduler {
     crossed: Vec<u32>,
     /// Names of trees, and slots to be cut out of them.
     cuts: Vec<(u64, u32)>,
+    /// Number of members of chunks that were looked at since the start.
+    #[cfg(test)]
+    visited: usize,
+}
+
+impl Chunk {
+    /// Number of members that weren't cut out.
+    fn len(&self) -> usize {
+        self.members.len() - self.gone
+    }
 }
 
 impl MergeScheduler {
@@ -195,6 +207,8 @@ impl MergeScheduler {
             released: Vec::new(),
             crossed: Vec::new(),
             cuts: Vec::new(),
+            #[cfg(test)]
+            visited: 0,
         }
     }
 
@@ -286,6 +300,12 @@ impl MergeScheduler {
         shrink(&mut self.moved);
     }
 
+    /// Number of members of chunks that were looked at since the start.
+    #[cfg(test)]
+    pub fn visited(&self) -> usize {
+        self.visited
+    }
+
     /// Length of the tables.
     #[cfg(test)]
     pub fn len(&self) -> usize {
@@ -371,6 +391,7 @@ impl MergeScheduler {
         self.crossed.extend(&building.members);
         let chunk = Chunk {
             members: building.members,
+            gone: 0,
             triangles: building.triangles,
             cut: 0,
             tree,
@@ -448,7 +469,7 @@ impl MergeScheduler {
 
     /// Numbers of objects and triangles in all trees.
     pub fn merged(&self) -> (usize, u64) {
-        let count = |sum: (usize, u64), chunk: &Chunk| (sum.0 + chunk.members.len(), sum.1 + chunk.triangles);
+        let count = |sum: (usize, u64), chunk: &Chunk| (sum.0 + chunk.len(), sum.1 + chunk.triangles);
         self.chunks.values().fold((0, 0), count)
     }
 
@@ -483,9 +504,11 @@ impl MergeScheduler {
         core::mem::take(&mut self.crossed)
     }
 
-    /// Pairs of a tree's name and a slot, since the last call: rays must not hit the slot's triangles in that tree any more.
+    /// Pairs of a tree's name and a slot, since the last call, by name: rays must not hit the slot's triangles in that tree any more.
     pub fn take_cuts(&mut self) -> Vec<(u64, u32)> {
-        core::mem::take(&mut self.cuts)
+        let mut cuts = core::mem::take(&mut self.cuts);
+        cuts.sort_unstable();
+        cuts
     }
 
     /// Turns the objects of a tree into instances, since nothing can be cut out of it.
@@ -524,12 +547,27 @@ impl MergeScheduler {
         let Some(chunk) = self.chunks.get_mut(&id) else {
             return false;
         };
-        let is_cheap = chunk.triangles <= self.limits.cheap_triangles && chunk.members.len() <= CHEAP_MEMBERS;
+        let is_cheap = chunk.triangles <= self.limits.cheap_triangles && chunk.len() <= CHEAP_MEMBERS;
         if is_cheap || 2 * (chunk.cut + triangles) > chunk.triangles {
             return false;
         }
         chunk.cut += triangles;
-        chunk.members.retain(|member| *member != slot);
+        chunk.gone += 1;
+        // The caller gives the slot its next state.
+        if 2 * chunk.gone > chunk.members.len() {
+            #[cfg(test)]
+            {
+                self.visited += chunk.members.len();
+            }
+            let slots = &self.slots;
+            let is_in = |member: u32| {
+                slots
+                    .get(member as usize)
+                    .is_some_and(|place| place.state == State::Merged(id))
+            };
+            chunk.members.retain(|member| *member != slot && is_in(*member));
+            chunk.gone = 0;
+        }
         self.cuts.push((chunk.tree.name, slot));
         self.crossed.push(slot);
         true
@@ -538,11 +576,19 @@ impl MergeScheduler {
     /// Turns the objects of a chunk into instances.
     fn dissolve(&mut self, id: u32) {
         let Some(chunk) = self.chunks.remove(&id) else { return };
-        for slot in &chunk.members {
-            self.slots[*slot as usize].state = State::Resting;
-            self.resting.insert(*slot);
+        #[cfg(test)]
+        {
+            self.visited += chunk.members.len();
         }
-        self.crossed.extend(chunk.members);
+        for slot in chunk.members {
+            let place = self.slots.get_mut(slot as usize);
+            if let Some(place) = place.filter(|place| place.state == State::Merged(id)) {
+                place.state = State::Resting;
+                self.resting.insert(slot);
+                self.crossed.push(slot);
+            }
+        }
+        self.cuts.retain(|(name, _)| *name != chunk.tree.name);
         self.released.push(chunk.tree.name);
         self.changed = true;
         self.wake();

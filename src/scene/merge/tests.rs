@@ -229,6 +229,44 @@ fn a_moved_object_is_cut_out_of_its_chunk() {
     assert_eq!(scene.scheduler.take_released(), [1]);
 }
 
+/// An explosion: a third of a chunk moves in one frame, then the rest.
+#[test]
+fn cutting_many_objects_out_walks_over_each_a_few_times() {
+    const CROWD: usize = 3_000;
+    let mut scene = Scene::new(&[1; CROWD]);
+    scene.scheduler = MergeScheduler::new(Limits {
+        chunk_triangles: CROWD as u64,
+        ..LIMITS
+    });
+    (0..CROWD as u32).for_each(|slot| scene.scheduler.observe(slot, at(slot, slot as f32)));
+    scene.run(4 * QUIET);
+    assert_eq!((scene.merged().len(), scene.trees()), (CROWD, 1));
+    scene.scheduler.take_crossed();
+    let (first, rest) = (0..CROWD as u32 / 3, CROWD as u32 / 3..CROWD as u32);
+    first
+        .clone()
+        .for_each(|slot| scene.scheduler.observe(slot, at(slot, 9.0)));
+    assert_eq!((scene.merged().len(), scene.trees()), (CROWD * 2 / 3, 1));
+    assert_eq!(scene.scheduler.merged().0, CROWD * 2 / 3);
+    assert!(
+        scene
+            .scheduler
+            .take_cuts()
+            .into_iter()
+            .map(|(_, slot)| slot)
+            .eq(first.clone())
+    );
+    assert!(scene.scheduler.take_crossed().into_iter().eq(first));
+    rest.for_each(|slot| scene.scheduler.observe(slot, at(slot, 9.0)));
+    assert_eq!((scene.merged().len(), scene.trees()), (0, 0));
+    assert!(scene.scheduler.take_cuts().is_empty(), "the tree is gone");
+    assert!(
+        scene.scheduler.visited() <= 2 * CROWD,
+        "{} members were looked at",
+        scene.scheduler.visited()
+    );
+}
+
 #[test]
 fn a_tree_that_nothing_can_be_cut_out_of_dissolves() {
     let mut scene = Scene::new(&[300, 300, 300]);

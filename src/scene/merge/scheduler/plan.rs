@@ -1,6 +1,6 @@
 //! Plans the next build: which of the resting objects are merged, and which chunks they absorb.
 
-use super::{Building, MergeScheduler, Placement};
+use super::{Building, MergeScheduler, Placement, State};
 use bevy::math::Vec3A;
 
 /// Upper bound, in multiples of `quiet_frames`, on how long newly moving or settling objects can delay a merge.
@@ -38,7 +38,9 @@ impl MergeScheduler {
             triangles += size;
             absorbed.push(id);
             if let Some(chunk) = self.chunks.get(&id) {
-                group.extend(&chunk.members);
+                let state_of = |slot: u32| self.slots.get(slot as usize).map(|place| place.state);
+                let members = chunk.members.iter().copied();
+                group.extend(members.filter(|slot| state_of(*slot) == Some(State::Merged(id))));
             }
         }
         for slot in &group {
