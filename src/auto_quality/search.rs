@@ -292,7 +292,7 @@ mod tests {
             search(within(High, Ultra), Low, [1.9; 4]),
             (vec![High], High, Some(1.9))
         );
-        // If the limits contradict each other, `best` wins.
+        // `best` wins if the limits contradict each other.
         assert_eq!(search(within(Ultra, Low), High, [9.0; 4]), (vec![Low], Low, Some(9.0)));
         assert_eq!(search(within(Off, Off), High, [0.1; 4]), (vec![Off], Off, None));
         let odd = ReflectionAutoQuality {

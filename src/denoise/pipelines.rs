@@ -171,7 +171,7 @@ pub(crate) fn denoise(
 ) {
     let temporal = context.history().is_some();
     for &name in DenoisePass::of(&context.view.settings) {
-        // Without history, only this pass has its inputs.
+        // Only this pass has its inputs without history.
         if !temporal && name != DenoisePass::Reconstruct {
             continue;
         }

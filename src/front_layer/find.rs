@@ -76,7 +76,7 @@ pub(super) fn init_find_pass(mut commands: Commands, asset_server: Res<AssetServ
         Binding::given(binding_types::storage_buffer_sized(false, NonZeroU64::new(4))),
         Binding::given(binding_types::uniform_buffer::<GpuRects>(false)),
         Binding::given(binding_types::uniform_buffer::<GlobalsUniform>(false)),
-        // Without motion vectors nothing is accumulated, and the motion output is never read.
+        // Nothing is accumulated without motion vectors, and the motion output is never read.
         Binding::floats(|context| context.motion.or(Some(context.gbuffer.normals))),
         Binding::given(binding_types::texture_2d(TextureSampleType::Float {
             filterable: false,

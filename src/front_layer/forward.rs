@@ -33,7 +33,7 @@ pub(super) fn note_forward_materials(
     }
 }
 
-/// Without a prepass, the depth of a surface isn't known when its reflection is traced.
+/// The depth of a surface isn't known when its reflection is traced, unless there is a prepass.
 fn is_drawn_forward(properties: &MaterialProperties) -> bool {
     properties.render_method == OpaqueRendererMethod::Forward
         && properties.prepass_enabled

@@ -305,7 +305,7 @@ impl AccelerationStructures {
         let mut outcome = level.build(instances, &entries, blas_in(&self.blas, &self.posed), device);
         drop(entries);
         if outcome.commands.is_none() && !posed.is_empty() {
-            // Without these, the TLAS might fit. An object that keeps its pose from now on would never be rebuilt, so it is dropped.
+            // The TLAS might fit without these. An object that keeps its pose from now on would never be rebuilt, so it is dropped.
             self.posed.retain(|slot, _| !posed.contains(slot));
             outcome = level.build(instances, &[], blas_in(&self.blas, &self.posed), device);
             outcome.lacking = true;

@@ -293,7 +293,7 @@ mod tests {
         let fit = wanted.best_of(compiled, Features::HARMLESS);
         assert_eq!(fit.map(|fit| fit.missing), Some(Features::RECT_LIGHTS));
         assert_eq!(best(wanted, &[RICH, wanted]), Some(wanted));
-        // If only the richer variant was ever compiled, it is used and nothing turns black.
+        // The richer variant is used if only that was ever compiled, and nothing turns black.
         assert_eq!(best(wanted, &[RICH]), Some(RICH));
         assert_eq!(best(wanted, &[]), None);
     }
@@ -380,7 +380,7 @@ mod tests {
         let find = seen(Passes::FRONT_LAYER);
         let of_find = Features::MASKED | Features::DEEP_TREES | Features::RENDER_LAYERS | Features::FORWARD_SURFACES;
         assert_eq!(find, of_find);
-        // Without masks, rays pass through nothing.
+        // Rays pass through nothing if there are no masks.
         let opaque = Features::all() - Features::MASKED;
         let bent = Features::LAYERS | Features::REFRACTION;
         assert!(!opaque.seen_by(Passes::MIRRORS).intersects(bent));

@@ -186,7 +186,7 @@ fn pack_fog_volume(volume: &FogVolume, place: &GlobalTransform) -> Option<GpuFog
     let radius = bounding_radius(place);
     let color = volume.fog_color.to_linear().to_vec3() * volume.light_tint.to_linear().to_vec3();
     let is_textured = volume.density_texture.is_some();
-    // With a texture, the attenuation varies, so the shader computes it.
+    // The attenuation varies with a texture, so the shader computes it.
     let dimmed = if is_textured { 1.0 } else { (-extinction * radius).exp() };
     let scattered = color * (non_negative(volume.light_intensity) * scattering * density * dimmed);
     let offset = volume.density_texture_offset;

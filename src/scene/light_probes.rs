@@ -84,7 +84,7 @@ fn probe(
     })
 }
 
-/// If there are too many probes, keeps the ones nearest to a camera.
+/// Keeps the probes nearest to a camera if there are too many.
 fn keep_nearest(probes: Vec<(Vec3A, ProbeSource)>, cameras: &[Vec3A]) -> Vec<ProbeSource> {
     let mut probes = probes;
     if probes.len() > MAX_PROBES {

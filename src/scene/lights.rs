@@ -129,7 +129,7 @@ impl ExtractedLights {
             ..previous
         };
         let restless = &mut self.restless[place as usize];
-        // If a light begins to move, hits at its old place can't detect that.
+        // Hits at a light's old place can't detect that it begins to move.
         let is_marked = *restless > 0 || light == in_its_color;
         let change = if is_marked { Change::Marked } else { Change::Unmarked };
         self.change = self.change.max(change);

@@ -305,7 +305,7 @@ impl TopLevel {
         let last = self.static_tree.as_deref();
         let (dead, len) = last.map_or((0, 0), |tree| (tree.dead.len(), tree.len()));
         if waiting < WORTH_A_BUILD && (dead < WORTH_A_BUILD || dead < len / 4) {
-            // With many objects, this check doesn't run in each frame.
+            // This check doesn't run in each frame if there are many objects.
             self.next_build = self.frame + SETTLING_FRAMES;
             return;
         }

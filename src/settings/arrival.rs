@@ -31,7 +31,7 @@ pub struct ReflectionUploadBudget {
 }
 
 impl ReflectionUploadBudget {
-    /// With less, a single mesh would take seconds.
+    /// A single mesh would take seconds with less.
     const LEAST: u64 = 64 << 10;
 
     /// The bytes per frame, clamped to the documented range.

@@ -1,8 +1,8 @@
 //! Directional albedo of the GGX reflection lobe: the fraction of a white furnace that it reflects towards the viewer.
 //!
-//! With Schlick's Fresnel term the albedo is `F0 * A + F90 * B`, with A and B depending on alpha and n.v only. Bevy's own split-sum
-//! factors are approximations that differ from the lobe by several percent. Dividing by the exact albedo makes traced reflections match
-//! the approximation that Bevy uses for the rest of the frame.
+//! The albedo is `F0 * A + F90 * B` with Schlick's Fresnel term; A and B depend only on alpha and n.v. Bevy's own split-sum factors are
+//! approximations that differ from the lobe by several percent. Dividing by the exact albedo makes traced reflections match the
+//! approximation that Bevy uses for the rest of the frame.
 //!
 //! Bilinear lookups need smooth functions, so the table stores, in two channels:
 //! - `A + B` over `x = sqrt(c (1 + alpha) / (c + alpha))`, with c = n.v: near the horizon, Smith's masking depends on c / alpha, which

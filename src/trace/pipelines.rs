@@ -342,7 +342,7 @@ pub(super) fn queue_trace_pipelines(
     }
 }
 
-/// Without its feature `bluenoise_texture`, Bevy has a single texel, which is no array.
+/// Bevy has a single texel, which is no array, without its feature `bluenoise_texture`.
 fn array_view(image: &GpuImage) -> TextureView {
     image.texture.create_view(&TextureViewDescriptor {
         label: Some("glint_noise"),

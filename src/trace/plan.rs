@@ -163,7 +163,7 @@ mod tests {
                 assert_eq!(compiler.missing(BASE), Features::empty(), "{technique:?}");
                 let richer = BASE | feature;
                 let missing = compiler.missing(richer);
-                // If rays are refracted, the ground truth follows all layers.
+                // The ground truth follows all layers if rays are refracted.
                 let coming = if feature == Features::REFRACTION {
                     feature | Features::LAYERS
                 } else {

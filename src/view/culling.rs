@@ -5,7 +5,7 @@
 //! Bevy's environment map. A surface that comes into view therefore shows the environment map for a few frames, until the report arrives.
 //! Its reflection then starts without history.
 //!
-//! If reports don't arrive, no view is culled.
+//! No view is culled if reports don't arrive.
 
 use crate::common::{CHANGE_COUNT, RAY_COUNT, word_offset};
 use bevy::{
@@ -112,7 +112,7 @@ impl Report {
             return None;
         }
         let words = self.buffer.slice(..).get_mapped_range();
-        // If the report can't be read, the view counts as not empty.
+        // The view counts as not empty if the report can't be read.
         let is_zero = words.map(|bytes| {
             let (lengths, changes) = bytes.split_at(LIST_BYTES as usize);
             [lengths, changes].map(|part| part.iter().all(|byte| *byte == 0))

@@ -1,4 +1,4 @@
-//! Rates that follow the noise that is left, over frames.
+//! Rates that follow the remaining noise, over frames.
 
 use crate::{
     common::app,

@@ -99,7 +99,7 @@ fn without_times_the_guess_stays() {
         ..default()
     };
     let event = search(&mut app, camera, hour);
-    // A device of the CPU begins with the worst, others with better ones.
+    // A CPU device begins with the worst preset, other devices with better ones.
     assert!(event.quality > ReflectionQuality::Off);
     assert_eq!(event.milliseconds, None);
     assert!(!app.world().entity(camera).contains::<ReflectionBudget>());

@@ -1,4 +1,4 @@
-//! Compares the back ends: the same rays, regardless of the pass that starts them.
+//! Compares the back ends: the rays are the same for each pass that starts them.
 
 use crate::{
     common::app_on_device,
@@ -34,7 +34,7 @@ const TILE: u32 = 16;
 
 /// Bit of a record's second word.
 const RECORD_VALID: u32 = 0x40 << 16;
-/// The third word is a motion: rays of lists alone have some.
+/// The third word is a motion: only rays of lists have one.
 const RECORD_MOTION: u32 = 0x100 << 16;
 /// Tolerance of a direction or a pdf in steps of 16 bits, for two compilers that translated the same shader.
 const RECORD_STEPS: u32 = 2;
@@ -100,7 +100,7 @@ fn remove(app: &mut HeadlessApp, viewers: impl IntoIterator<Item = Viewer>) {
     }
 }
 
-/// Has the cameras begin anew in the same frame, so that they draw the same samples of the same scene, and renders some frames.
+/// Restarts the cameras in the same frame, so that they draw the same samples of the same scene, and renders some frames.
 fn render_together(app: &mut HeadlessApp, viewers: &[Viewer]) {
     warm_up(app);
     for is_active in [false, true] {

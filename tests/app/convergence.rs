@@ -80,7 +80,7 @@ pub fn capture(app: &mut HeadlessApp, what: &str) -> Vec<f32> {
             "{what}: pixel {index} is {pixel:?}"
         );
     }
-    // Brighter than this is all the same to a display, and would decide alone.
+    // Values above this all look the same on a display, and would dominate the result.
     pixels
         .iter()
         .map(|[r, g, b, _]| (0.2126 * r + 0.7152 * g + 0.0722 * b).clamp(0.0, 4.0))

@@ -19,7 +19,7 @@ use bevy_glint::{
 use glint_scenes::{HeadlessApp, Output, SceneName, environment};
 
 const SIZE: UVec2 = UVec2::new(96, 54);
-/// Pixels that are no accident.
+/// Number of pixels that can't be a coincidence.
 const MANY: usize = 180;
 
 /// Returns `None` if this machine can't trace.
@@ -29,7 +29,7 @@ fn app() -> Option<HeadlessApp> {
     })
 }
 
-/// Everything that is on by default, and reflections on all surfaces.
+/// Everything that is on by default, with reflections on all surfaces.
 fn switch(app: &mut HeadlessApp, camera: Entity, technique: ReflectionTechnique) {
     app.world().entity_mut(camera).insert(RayTracedReflections {
         technique,
@@ -181,7 +181,7 @@ fn a_past_that_is_forgotten_is_rejected(app: &mut HeadlessApp, camera: Entity) {
 #[test]
 fn a_reflection_alone_is_what_a_mirror_shows() {
     let Some(mut app) = app() else { return };
-    // Unlit objects over a mirror without light: its image is the reflection alone.
+    // Unlit objects over a mirror without light: its image contains only the reflection.
     let camera = spawn(&mut app, SceneName::MirrorRoom, ReflectionTechnique::Reference);
     let picture = show(&mut app, camera, ReflectionDebugView::Off);
     let reflection = show(&mut app, camera, ReflectionDebugView::Reflection);
@@ -252,7 +252,7 @@ fn the_front_layer_shows_its_normals() {
     assert!(bytes(app) > 0);
     let rays = DiagnosticPath::const_new("render/reflection_front_layer_rays");
     let count = |app: &mut HeadlessApp| app.world().resource::<DiagnosticsStore>().get(&rays)?.value();
-    // Results come back some frames later.
+    // Results arrive some frames later.
     let counted = (0..1000).any(|_| {
         app.step(1);
         std::thread::sleep(std::time::Duration::from_millis(1));
@@ -301,7 +301,7 @@ fn counters_find_no_bad_pixels(app: &mut HeadlessApp, camera: Entity) {
     assert_eq!(report(app), None);
     app.world().entity_mut(camera).insert(ReflectionDebugCounters);
     warm_up(app);
-    // Results come back some frames later.
+    // Results arrive some frames later.
     for _ in 0..1000 {
         app.step(1);
         if report(app).is_some_and(|report| report.radiance != Some(0.0)) {

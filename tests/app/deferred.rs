@@ -216,7 +216,7 @@ fn extended_materials_keep_a_shader_of_their_own() {
     app.warm_up(20_000).unwrap();
     let all = (SIZE.x * SIZE.y) as usize;
     assert_eq!(red_pixels(&app.capture().unwrap()), all, "red pixels");
-    // A change has it prepared anew.
+    // A change makes Bevy prepare it again.
     let mut materials = app.world().resource_mut::<Assets<Reddened>>();
     materials.get_mut(&material).unwrap().base.metallic = 1.0;
     app.step(4);

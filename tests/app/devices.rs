@@ -40,7 +40,7 @@ impl Device {
     }
 }
 
-/// Each alone, and the device of a browser.
+/// Each feature alone, and the device of a browser.
 fn devices() -> [Device; 5] {
     [
         Device::without(

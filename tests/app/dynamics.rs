@@ -228,7 +228,7 @@ fn expect_changes_of_a_mesh(app: &mut HeadlessApp, subject: Entity, size: usize)
         "{large} pixels with another large cube, {size} with the first"
     );
 
-    // Data that the render world alone had are replaced by data of the main world.
+    // Data of the main world replace data that only the render world had.
     let mut mesh = cube(2.0);
     mesh.asset_usage = RenderAssetUsages::RENDER_WORLD;
     let mesh = app.world().resource_mut::<Assets<Mesh>>().add(mesh);

@@ -1,5 +1,5 @@
 //! The examples render without a window: the plugin of each, with Bevy's plugins around it, cameras that draw into an image, and
-//! keys that are pressed as by a user.
+//! simulated keys.
 //!
 //! Each image must differ from that without reflections by a stated amount. Images are kept in the folder `tmp` of the target
 //! directory.
@@ -104,7 +104,7 @@ impl Example {
             ..default()
         };
         let app = HeadlessApp::new(settings, |app| {
-            // The harness draws deferred; here that is up to the example.
+            // The harness draws deferred; here the example decides.
             app.insert_resource(DefaultOpaqueRendererMethod::forward());
             if !is_gallery() {
                 // A CPU takes long to draw large shadow maps.
@@ -563,7 +563,7 @@ fn quality_menu() {
     );
 }
 
-/// Examples are for people to copy: one file each, of few lines, with Bevy and this crate alone.
+/// Users copy examples: one file each, of few lines, with only Bevy and this crate.
 #[test]
 fn examples_are_short_and_stand_alone() {
     const MOST_LINES: usize = 200;

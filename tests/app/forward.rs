@@ -81,7 +81,7 @@ fn compare(app: &mut HeadlessApp, camera: Entity, object: Entity, frames: u32) -
     [deferred, forward, without]
 }
 
-/// One material drawn in both ways looks the same.
+/// One material looks the same drawn in both ways.
 #[test]
 fn forward_surfaces_reflect_as_deferred_ones() {
     use ReflectionTechnique::{Converged, Reference, Variable};
@@ -114,7 +114,7 @@ fn forward_surfaces_reflect_as_deferred_ones() {
             spawn_surroundings(app, Transform::IDENTITY);
             let object = spawn_mesh(app, Sphere::new(1.0), material.clone(), Transform::IDENTITY);
             reflect(app, camera, technique);
-            // Rays that pixels share are drawn anew in each layer.
+            // Rays that pixels share are sampled again in each layer.
             app.world()
                 .get_mut::<RayTracedReflections>(camera)
                 .unwrap()
@@ -160,7 +160,7 @@ fn depth_and_hits_agree_far_away_and_in_parallel() {
             let place = Transform::from_translation(around).with_scale(Vec3::splat(scale));
             spawn_surroundings(app, place);
             let object = spawn_mesh(app, Sphere::new(1.0), metal(0.0), place);
-            // Seen at grazing angles, with something to reflect.
+            // At grazing angles, with something to reflect.
             let sheet = place * Transform::from_xyz(0.0, 0.0, -6.0);
             spawn_mesh(app, Rectangle::new(12.0, 12.0), unlit(BLUE), sheet);
             let mesh = Plane3d::default().mesh().size(40.0, 40.0);

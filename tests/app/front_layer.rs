@@ -24,7 +24,7 @@ use glint_scenes::{HeadlessApp, HeadlessSettings, Output, SceneName};
 const BLACK: [u8; 3] = [0; 3];
 /// F0 of 0.04.
 const GLASS: f32 = 0.5;
-/// F0 of 0.16, as of no glass, but easily seen.
+/// F0 of 0.16, which no glass has, but which is easy to see.
 const STRONG: f32 = 1.0;
 
 /// Adds its reflection to the surfaces behind it.
@@ -92,7 +92,7 @@ fn fresnel(reflectance: f32, cosine: f32) -> f32 {
     f0 + (1.0 - f0) * (1.0 - cosine).powi(5)
 }
 
-/// A pane over black, in surroundings that are white everywhere, adds its Fresnel term.
+/// A pane over black, in white surroundings, adds its Fresnel term.
 #[test]
 fn a_pane_in_a_white_furnace_adds_its_fresnel_term() {
     for (tracer, mut app) in apps(SIZE, Output::Linear) {
@@ -357,7 +357,7 @@ fn orthographic_cameras_and_split_screens_have_layers() {
         for (red, expected) in shown.into_iter().zip([0.16, 0.0, 0.16, 0.0]) {
             assert!((red - expected).abs() < 0.02, "{tracer:?}: {shown:?}");
         }
-        // A pane that moves away is no longer seen at its old place.
+        // A pane that moves away is gone from its old place.
         app.world()
             .entity_mut(pane)
             .insert(before(3.0).with_translation(before(3.0).translation + 20.0 * Vec3::X));

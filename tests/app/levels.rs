@@ -1,4 +1,4 @@
-//! Levels that are loaded and unloaded: room is given back, and is found again.
+//! Levels that are loaded and unloaded: space is freed, and used again.
 
 use crate::{
     common::{app, app_of},
@@ -143,7 +143,7 @@ fn levels_that_go_give_everything_back() {
             }
             app.step(1);
         }
-        // Trees that were in the way of that are merged again.
+        // Trees that were in the way are merged again.
         until_there_are(app, 1);
         let after = inventory(app);
         assert_eq!(
@@ -338,7 +338,7 @@ fn textures_without_memory_get_some_later() {
 /// A texture without space gets some once another texture is removed.
 #[test]
 fn a_texture_without_a_place_gets_one_later() {
-    // Copies in layers; a device has at least this number of them.
+    // Copies in layers; every device supports at least this number of them.
     const PLACES: usize = 256;
     let Some(mut app) = app_with_layers() else { return };
     let app = &mut app;

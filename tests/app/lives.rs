@@ -1,4 +1,4 @@
-//! Cameras that come and go: reflections are there in their first frame, and outlive a frame without any camera.
+//! Cameras that come and go: reflections exist in their first frame, and survive a frame without any camera.
 
 use crate::{
     pictures::{differing_pixels, red_pixels, warm_up},
@@ -27,7 +27,7 @@ fn plain() -> RayTracedReflections {
     }
 }
 
-/// A mirror, and behind the camera a red cube among others that are merged.
+/// A mirror, and behind the camera a red cube among other objects that are merged.
 fn spawn_scene(app: &mut HeadlessApp) {
     spawn_mesh(app, wall(), metal(0.0), Transform::IDENTITY);
     for index in 0..9 {
@@ -110,7 +110,7 @@ fn a_cut_shows_reflections_in_its_first_frame(app: &mut HeadlessApp, tracer: Ref
         assert_eq!(red(app), expected, "{tracer:?}: cut {cut}");
         frame(app);
     }
-    // A new camera in place of one that is gone, too.
+    // A new camera that replaces a removed one, too.
     app.world().despawn(cameras[0]);
     spawn_reflecting(app);
     frame(app);

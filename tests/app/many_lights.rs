@@ -190,7 +190,7 @@ fn spawn_lamps(app: &mut HeadlessApp, count: usize, shadow_maps_enabled: bool) -
     (0..count).map(spawn).collect()
 }
 
-/// Milliseconds of the passes that trace and shade: the least of some frames.
+/// Milliseconds of the passes that trace and shade: the minimum over some frames.
 fn time(app: &mut HeadlessApp) -> Option<f64> {
     let path = DiagnosticPath::new("render/glint/trace/elapsed_gpu");
     let mut times = Vec::new();

@@ -41,7 +41,7 @@ impl ReflectedMaterial for Lava {
     }
 }
 
-/// A material that no plugin makes known to rays.
+/// A material that no plugin registers for rays.
 #[derive(Asset, AsBindGroup, Reflect, Clone, Default)]
 struct Mud {
     #[uniform(0)]
@@ -54,7 +54,7 @@ impl Material for Mud {}
 fn stage(tracer: ReflectionTracerChoice) -> Option<HeadlessApp> {
     let mut app = app_with(SIZE, Output::Picture, tracer, |app| {
         app.add_plugins((
-            // Once more does no harm.
+            // Adding it twice does no harm.
             ReflectedMaterialPlugin::<StandardMaterial>::default(),
             ReflectedMaterialPlugin::<Water>::default(),
             ReflectedMaterialPlugin::<Lava>::default(),
@@ -213,7 +213,7 @@ fn lightmaps_come_change_and_go(app: &mut HeadlessApp) {
     let mesh = mesh.with_inserted_attribute(Mesh::ATTRIBUTE_UV_1, uvs);
     let object = spawn_mesh(app, mesh, material, behind());
     let dark = mean_light(app);
-    // The image comes after the component that names it.
+    // The image arrives after the component that refers to it.
     let image = app.world().resource::<Assets<Image>>().reserve_handle();
     let lightmap = Lightmap {
         image: image.clone(),

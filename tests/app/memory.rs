@@ -1,4 +1,4 @@
-//! Memory that the device refuses for a while: reflections lack something meanwhile, and get it once others have given it back.
+//! Memory that the device refuses for a while: reflections lack something meanwhile, and get it once memory is freed.
 
 use crate::{
     pictures::{apps, red_pixels, reflect},

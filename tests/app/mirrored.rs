@@ -119,7 +119,7 @@ fn a_mirror_shows_shadows_if_shadow_rays_are_on() {
         ..default()
     };
     spawn_mesh(app, wall(), white, turned);
-    // Before the right half of the wall, and seen on edge.
+    // Before the right half of the wall, and edge-on.
     spawn_mesh(
         app,
         Cuboid::new(1.5, 1.5, 0.02),

@@ -1,7 +1,7 @@
 //! The README as a new user follows it: an empty folder with the dependencies and the code from the README, and nothing else.
 //!
-//! Two differences from a real user make it a test. Bevy comes with the features of this workspace instead of its default ones, since all
-//! of it would be compiled again otherwise; and `DefaultPlugins` becomes the same plugins without a window, with a mirror in front of the
+//! Two differences from a real user make it a test. Bevy has the features of this workspace instead of its default ones, since all of it
+//! would be compiled again otherwise; and `DefaultPlugins` becomes the same plugins without a window, with a mirror in front of the
 //! camera and a red cube behind it. Only traced reflections can show that cube.
 
 use crate::common::app;
@@ -394,8 +394,7 @@ fn the_time_of_children_is_the_last_line() {
     assert_eq!(cpu_seconds(""), 0.0);
 }
 
-/// Prints the library's share of an app: compilation of the library alone, all of its features on, above a Bevy that is compiled already;
-/// and the size of the program.
+/// Prints the library's share of an app: compile time of only the library, with all its features, after Bevy; and the size of the program.
 #[test]
 #[ignore = "builds crates; run by cargo xtask new-user --measure"]
 fn a_new_app_grows() {

@@ -221,7 +221,7 @@ fn shown_baked(app: &mut HeadlessApp, mesh: Mesh, material: StandardMaterial, at
     picture
 }
 
-/// Words of the scene's meshes and trees that are in use.
+/// Words in use of the scene's meshes and trees.
 fn used_bytes(app: &mut HeadlessApp) -> u64 {
     let meshes = app.app().sub_app(RenderApp).world().resource::<SceneMeshes>();
     meshes.geometry.used_bytes() + meshes.bvh.used_bytes()
@@ -250,7 +250,7 @@ fn a_bent_arm_looks_like_one_that_was_baked(app: &mut HeadlessApp, tracer: Refle
     let arm = spawn_arm(app, arm(), paint());
     let actual = shown(app, 1);
     assert_flip(&format!("bent-arm-{tracer}"), SIZE, &expected, &actual, SAME);
-    // Bevy places it by its joints alone.
+    // Bevy places it only by its joints.
     app.world().get_mut::<Transform>(arm.mesh).unwrap().translation = Vec3::new(-3.0, 9.0, 1.0);
     let actual = shown(app, 1);
     assert_flip(&format!("bent-arm-elsewhere-{tracer}"), SIZE, &expected, &actual, SAME);
@@ -500,7 +500,7 @@ fn the_budget_goes_to_the_nearest() {
     bend_all(app, 0.1);
     app.step(5);
     assert_eq!(builds(app), before, "nothing is posed");
-    // One mesh in each frame, however many vertices it has, and in the end all of them.
+    // One mesh in each frame, however many vertices it has, and all of them in the end.
     budget(app, 1);
     app.step(6);
     assert_eq!(builds(app), before + 3, "one after the other");

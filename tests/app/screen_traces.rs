@@ -197,7 +197,7 @@ fn reflections_show_the_shaders_of_the_screen() {
         reflect(&mut stage.app, stage.camera, ReflectionTechnique::Reference);
         let expected = stage.expected();
         for (technique, own_rays, max_bounces) in [
-            // Rays of blocks, beside the shading of their hits, alone, and before they bounce.
+            // Rays of blocks: in parallel to the shading of their hits, alone, and before they bounce.
             (ReflectionTechnique::Reference, false, 1),
             (ReflectionTechnique::Variable, true, 1),
             (ReflectionTechnique::Quarter, true, 3),
@@ -269,7 +269,7 @@ fn views_at_rest_converge_to_what_rays_see(stage: &mut Stage) {
     assert_eq!(differing_pixels(&without, &with, 1), 0);
 }
 
-/// The camera of the last frame looked elsewhere, by three pixels. Mirrors with rays of their own have no history that could hide it.
+/// The camera of the last frame was turned by three pixels. Mirrors with their own rays have no history that could hide it.
 fn views_in_motion_find_what_they_saw(stage: &mut Stage, expected: &[u8]) {
     stage.set(|settings| {
         settings.technique = ReflectionTechnique::Variable;

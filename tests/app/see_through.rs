@@ -49,7 +49,7 @@ fn a_pane_in_a_mirror_converges_to_the_mean_of_both_sides() {
         let app = &mut app;
         let (camera, pane) = spawn_pane(app);
         reflect(app, camera, ReflectionTechnique::Converged);
-        // Red glass lets no green light through.
+        // Red glass absorbs green light.
         for (alpha, alpha_mode, transmission, expected) in [
             (0.5, AlphaMode::Blend, 0.0, [0.5, 0.5]),
             (0.2, AlphaMode::Blend, 0.0, [0.2, 0.8]),
@@ -222,7 +222,7 @@ fn glass_tints_by_its_texture() {
         let second_half = rectangle().with_inserted_attribute(Mesh::ATTRIBUTE_UV_1, vec![[0.75f32, 0.5]; count]);
         let no_uvs = rectangle().with_removed_attribute(Mesh::ATTRIBUTE_UV_0);
         let [first, second] = HALVES.map(|half| [0, 1, 2].map(|i| TINT[i] * f32::from(half[i]) / 255.0));
-        // U runs to the left, seen in the mirror.
+        // U increases to the left, as seen in the mirror.
         for (name, mesh, material, expected) in [
             ("textured", rectangle(), &textured, [second, first]),
             ("moved", rectangle(), &moved, [first, second]),
@@ -290,7 +290,7 @@ fn thick_glass_refracts_in_rough_reflections() {
     }
 }
 
-/// The denoiser of a static view comes to the same, pixel by pixel.
+/// The denoiser of a static view converges to the same, pixel by pixel.
 #[test]
 fn a_static_view_shows_a_pane_as_blended() {
     let Some(mut app) = app(SIZE, Output::Linear, BOTH[1]) else {

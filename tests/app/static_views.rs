@@ -232,7 +232,7 @@ fn what_no_ray_meets_keeps_no_view_from_converging() {
         Change::Probe,
     ];
     let noise = changes.map(|change| {
-        // The beginning of a movement is a change for all views: histories are as long in all cases.
+        // The beginning of a movement is a change for all views, so histories are equally long in all cases.
         (0..40).for_each(|_| frame(app));
         app.world().get_mut::<Transform>(restless.object).unwrap().translation.y += 0.1;
         begin_anew(app, camera);

@@ -164,7 +164,7 @@ fn an_edited_surface_shader_is_followed() {
     insert_shader(app, false);
     let expect = |app: &mut HeadlessApp, what: &str, source: Option<String>, expected: [Vec3; 2]| {
         source.into_iter().for_each(|source| set_source(app, source));
-        // Failures come late.
+        // Failures are reported late.
         for _ in 0..20 {
             app.step(1);
             std::thread::sleep(std::time::Duration::from_millis(5));

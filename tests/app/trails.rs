@@ -1,4 +1,4 @@
-//! Moving things in glossy surfaces, and things that the camera passes, are nearly as exact as resting ones.
+//! Moving objects in glossy surfaces, and objects that the camera passes, are nearly as exact as static ones.
 
 use crate::{
     common::app,
@@ -15,10 +15,10 @@ const SIZE: UVec2 = UVec2::new(240, 160);
 /// Factor on the static error that the error in motion can reach.
 const LIMIT: f32 = 1.55;
 
-/// A camera before a glossy floor, and a thing above it.
+/// A camera before a glossy floor, and an object above it.
 struct Scene {
     camera: Entity,
-    /// The thing that moves, or is passed by.
+    /// The object that moves, or that the camera passes.
     subject: Entity,
 }
 

@@ -13,7 +13,7 @@ use glint_scenes::{HeadlessApp, Output, SceneName};
 
 /// The frame at which the character stops and starts waving.
 const STANDS: u32 = 20;
-/// Frames that are looked at: on the way, and while it waves.
+/// Frames that are compared: on the way, and while it waves.
 const SEEN: [u32; 4] = [13, 18, 33, 36];
 /// Frames of the way to there.
 const WALK: u32 = 12;

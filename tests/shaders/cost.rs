@@ -1,4 +1,4 @@
-//! The cost of each pass as compiled, against a budget in `cost.txt`: a shader that grows is seen without a GPU.
+//! The cost of each compiled pass, against a budget in `cost.txt`: it shows that a shader grows without a GPU.
 //!
 //! Counts the SPIR-V of an entry point with all calls inlined, and the memory of its variables. Loops count once.
 
@@ -23,7 +23,7 @@ use std::{
 };
 
 const FILE: &str = "tests/shaders/cost.txt";
-/// Writes the file anew.
+/// Rewrites the file.
 const ACCEPT: &str = "GLINT_ACCEPT_SHADER_COST";
 /// Tolerance of a cost in percent of its budget.
 const TOLERANCE: f64 = 3.0;
@@ -333,7 +333,7 @@ fn cost(module: &naga::Module, info: &ModuleInfo) -> Result<Cost, String> {
         bytes(module, AddressSpace::Private),
         bytes(module, AddressSpace::WorkGroup),
     ]);
-    // Any number will do for constants that are known later.
+    // Any number works for constants that get their value later.
     let overrides = module.overrides.iter();
     let constants: PipelineConstants = overrides
         .filter_map(|(_, constant)| Some((constant.name.clone()?, 4.0)))

@@ -131,7 +131,7 @@ fn density(radius: f64) -> f64 {
     (-(radius - INNER).clamp(0.0, OUTER - INNER) / SCALE).exp()
 }
 
-/// Share of light that comes through the air of a path.
+/// Fraction of light that the air of a path lets through.
 fn passed(start: DVec3, direction: DVec3, length: f64, steps: u32) -> DVec3 {
     let step = length / f64::from(steps);
     let densities = (0..steps).map(|i| density((start + direction * ((f64::from(i) + 0.5) * step)).length()));
@@ -264,7 +264,7 @@ fn run(gpu: &Gpu, environment: &GpuEnvironment, inputs: &[Input]) -> Vec<Output>
     gpu.read(&output)
 }
 
-/// Light that the air of a ray scatters into it, and share that comes through it.
+/// Light that the air of a ray scatters into it, and the fraction that it lets through.
 fn sum(input: &Input) -> (DVec3, DVec3) {
     const STEPS: u32 = 1000;
     let start = input.origin.as_dvec3() * UNIT + DVec3::Y * (INNER + 2000.0);

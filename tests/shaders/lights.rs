@@ -152,7 +152,7 @@ fn what_is_out_of_reach_gets_no_light() {
         }
         println!("{name}: {lit} of {COUNT} are lit, {spared} out of reach");
         assert!(lit * 20 > COUNT, "{name}: {lit} are lit");
-        // Most unlit surfaces are recognised by the cheap test.
+        // The cheap test recognises most unlit surfaces.
         assert!(
             (COUNT - lit) * 2 < spared * 3,
             "{name}: {spared} of {} are spared",
@@ -214,7 +214,7 @@ fn wider_highlights_have_the_same_light_and_less_noise() {
     }
 }
 
-/// Share of the light of an even hemisphere that comes from a rectangle, summed over points of it.
+/// Fraction of the light of an even hemisphere that comes from a rectangle, summed over points of it.
 fn form_factor(light: &GpuLight, right: Vec3, surface: Vec3, normal: Vec3) -> f32 {
     const STEPS: i32 = 64;
     let (centre, towards) = (Vec3::from(light.position), Vec3::from(light.direction));

@@ -247,7 +247,7 @@ fn each_module_compiles_alone() {
     let mut failures = Vec::new();
     for module in shaders.own_modules() {
         for defs in COMBINATIONS {
-            // Surfaces have alpha in the front layer alone.
+            // Surfaces have alpha only in the front layer.
             if module.contains("/front_layer/") && !defs.contains(&"FRONT_LAYER") {
                 continue;
             }

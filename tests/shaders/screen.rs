@@ -168,7 +168,7 @@ fn hits_are_found_where_the_viewer_saw_them() {
     assert!((2_000..10_000).contains(&valid), "{valid}");
 }
 
-/// A plane that is seen through the centre of a pixel is found within the tolerance from everywhere in it, and nowhere else.
+/// A plane seen through the centre of a pixel is found within the tolerance from everywhere in it, and nowhere else.
 #[test]
 fn tolerances_hold_a_pixel_of_a_plane() {
     let Some(gpu) = Gpu::new() else { return };

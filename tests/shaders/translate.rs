@@ -1,7 +1,7 @@
 //! Every variant of every pass in the languages of Vulkan, DirectX 12 and Metal.
 //!
-//! `tools/translate` does the work: naga's back end for Metal isn't among the features that Bevy is built with here. `cargo xtask test`
-//! builds it, and names it in the environment.
+//! `tools/translate` does the work, because Bevy is built here without naga's back end for Metal. `cargo xtask test` builds it, and
+//! passes its path in the environment.
 
 use crate::{cost::variants, modules::COMBINATIONS, wesl::Shaders};
 use bevy::shader::ShaderDefVal;
@@ -17,13 +17,13 @@ const TRANSLATOR: &str = "GLINT_TRANSLATOR";
 /// If this variable is set, a test that can't run must fail.
 const REQUIRED: &str = "GLINT_REQUIRE_TRANSLATIONS";
 
-/// Says that a test can't run.
+/// Reports that a test can't run.
 fn skip(reason: &str) {
     assert!(env::var_os(REQUIRED).is_none(), "{reason}");
     println!("skipped: {reason}");
 }
 
-/// The WGSL of all variants by name, each once: some definitions make no difference to some passes.
+/// The WGSL of all variants by name, without duplicates: some definitions make no difference to some passes.
 fn sources() -> BTreeMap<String, String> {
     let mut shaders = Shaders::load();
     let modules = shaders.own_modules();
@@ -34,7 +34,7 @@ fn sources() -> BTreeMap<String, String> {
     let mut names = BTreeMap::new();
     for (module, defs) in passes.chain(combinations) {
         let pass = module.trim_start_matches("bevy_glint/").trim_end_matches(".wesl");
-        // Surfaces have alpha in the front layer alone.
+        // Surfaces have alpha only in the front layer.
         if pass.starts_with("front_layer/") && !defs.contains(&"FRONT_LAYER") {
             continue;
         }

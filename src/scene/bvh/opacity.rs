@@ -245,7 +245,7 @@ impl TextureView<'_> {
         let corners = uvs.map(|uv| Vec2::from(uv).as_dvec2() * size);
         let magnitude = corners.iter().fold(size, |most, corner| most.max(corner.abs()));
         let room = TEXEL_ROOM + ROUNDING * magnitude.max_element();
-        // With a larger tolerance, coordinates can't resolve texels any more.
+        // Coordinates can't resolve texels any more with a larger tolerance.
         if !(room < 1e3 && corners.iter().all(|corner| corner.is_finite())) {
             return uniform(UNKNOWN);
         }

@@ -141,7 +141,7 @@ fn find_partners<const RADIUS: usize>(clusters: &[Cluster], partner: &mut [u32])
     let mut costs = [[f32::INFINITY; RADIUS]; RADIUS];
     let mut pairs = 0;
     for i in 0..n {
-        // If costs are equal, the neighbour with the other parity wins, so that a run of equal boxes pairs up in one pass.
+        // The neighbour with the other parity wins if costs are equal, so that a run of equal boxes pairs up in one pass.
         let tie = i ^ 1;
         let mut best = (f32::INFINITY, i);
         let mut offer = |cost: f32, j: usize| {

@@ -162,7 +162,7 @@ proptest! {
             assert!(known.set_transform(i, &instance.world_from_object, &inverse));
         }
         check_tlas(builder.update(&mut known, |_| Some(0)).unwrap(), &instances);
-        // If an instance at an index is replaced, it is written again. If the tree moves in the buffer, everything is.
+        // An instance that replaces another one at its index is written again. Everything is written if the tree moves in the buffer.
         let second = instances.len() / 2;
         instances.swap(0, second);
         for i in [0, second] {

@@ -61,7 +61,7 @@ pub(super) fn triangle_bounds(corners: &[[f32; 3]; 3]) -> Option<Bounds> {
     let bounds = corner_bounds(corners)?;
     let [a, b, c] = corners.map(|c| DVec3::new(c[0].into(), c[1].into(), c[2].into()));
     let normal = (b - a).cross(c - a);
-    // If the normal vanishes in `f32`, the triangle can't be intersected.
+    // The triangle can't be intersected if its normal vanishes in `f32`.
     (normal.abs().max_element() > 1e-37).then_some(bounds)
 }
 

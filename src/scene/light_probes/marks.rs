@@ -37,7 +37,7 @@ impl Marks {
                 continue;
             }
             let box_of = |probe: &GpuLightProbe| (probe.probe_from_world, probe.falloff);
-            // If a probe begins to move, hits at its old place can't detect that.
+            // Hits at a probe's old place can't detect that it begins to move.
             let is_marked = *restless > 0 || box_of(&before.0) == box_of(&now.0);
             change = change.max(if is_marked { Change::Marked } else { Change::Unmarked });
             *restless = RESTLESS_FRAMES;

@@ -102,7 +102,7 @@ impl Look {
         };
         // Texture layers contain smaller copies of the images, which aren't available here.
         let is_known = matches!(surroundings.textures.mode(), ReflectionTextureMode::Bindless { .. });
-        // If the test also depends on a random number per ray, or on another cutoff for shadow rays, its result isn't known in advance.
+        // The test's result isn't known in advance if it also depends on a random number per ray, or on another cutoff for shadow rays.
         let is_known = is_known && packed.stop_probability < 0.0 && packed.stop_probability != COVERAGE;
         Self {
             uv_transform: Affine2::from_mat2_translation(

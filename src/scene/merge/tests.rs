@@ -221,7 +221,7 @@ fn a_moved_object_is_cut_out_of_its_chunk() {
     assert_eq!((scene.merged(), scene.trees()), (vec![0, 1, 2, 3, 4], 2));
     assert_eq!(scene.scheduler.take_cuts(), [(1, 5)]);
     assert_eq!(scene.scheduler.take_crossed(), [5]);
-    // With less than half of its triangles, the chunk isn't worth its memory.
+    // The chunk isn't worth its memory with less than half of its triangles.
     scene.scheduler.observe(4, at(4, 9.0));
     assert_eq!((scene.merged(), scene.trees()), (vec![0, 1, 2], 1));
     assert!(scene.scheduler.take_cuts().is_empty());

@@ -17,7 +17,7 @@ use bevy::{
 use bevy_glint::ReflectionTechnique;
 use std::{f32::consts::TAU, ops::Range};
 
-/// Components that rows give the camera.
+/// Components that rows add to the camera.
 pub(super) type Components = (
     AtmosphereSettings,
     AtmosphereEnvironmentMapLight,
@@ -151,7 +151,7 @@ pub(super) const ROWS: [Row; 12] = [
     }),
     ("levels of detail", |stage| {
         stage.light_and_spawn(blue());
-        // Both cameras are farther away than the first level is seen from; one is 2.5 m from the sheets, and the other one 8.5 m.
+        // The first level ends before both cameras: one is 2.5 m from the sheets, and the other one 8.5 m.
         stage.add_level(Color::linear_rgb(0.8, 0.3, 0.1), -0.7, 0.0..2.0);
         stage.add_level(Color::linear_rgb(0.1, 0.7, 0.2), 0.7, 2.0..50.0);
     }),
@@ -255,7 +255,7 @@ impl Stage<'_> {
         self.app.world().despawn(wall);
     }
 
-    /// A sheet before everything else that is seen from distances within a range.
+    /// A sheet before everything else that is visible from distances within a range.
     fn add_level(&mut self, color: Color, x: f32, range: Range<f32>) {
         let material = StandardMaterial {
             base_color: color,

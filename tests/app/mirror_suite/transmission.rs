@@ -56,7 +56,7 @@ pub(super) const ROWS: [Row; 4] = [
     }),
 ];
 
-/// Light that comes through it is that behind a thickness of 0.3 m.
+/// It transmits the light behind a thickness of 0.3 m.
 fn leaf() -> StandardMaterial {
     StandardMaterial {
         base_color: Color::linear_rgb(0.3, 0.8, 0.2),

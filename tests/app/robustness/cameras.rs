@@ -1,4 +1,4 @@
-//! Contents of pixels: surfaces that must not reflect, cameras that cannot, and numbers only.
+//! Contents of pixels: surfaces that must not reflect, cameras that can't, and finite numbers only.
 
 use super::{BEHIND, facing_the_mirror};
 use crate::{

@@ -32,7 +32,7 @@ fn count(picture: &[u8], color: [u8; 3]) -> usize {
 /// The image with one more object.
 fn picture_with(app: &mut HeadlessApp, mesh: Mesh, material: StandardMaterial, transform: Transform) -> Vec<u8> {
     let entity = spawn_mesh(app, mesh, material, transform);
-    // A mesh of the render world alone is seen a frame later than others.
+    // A mesh that only the render world has is visible a frame later than others.
     app.step(2);
     warm_up(app);
     let picture = app.capture().unwrap();
@@ -64,7 +64,7 @@ fn rebuilt(mesh: &Mesh, topology: PrimitiveTopology, indices: Indices) -> Mesh {
 /// A cuboid in formats that must not make a difference.
 fn formats(base: &Mesh) -> [(&'static str, Mesh); 7] {
     let list: Vec<u32> = base.indices().unwrap().iter().map(|index| index as u32).collect();
-    // Degenerate triangles lead from one triangle to the next; each begins at an even place of the strip.
+    // Degenerate triangles connect one triangle to the next; each begins at an even place of the strip.
     let strip = list
         .chunks_exact(3)
         .flat_map(|t| [t[0], t[0], t[0], t[1], t[2], t[2]])

@@ -1,4 +1,4 @@
-//! Meshes of all formats, materials that do not reflect, cameras that cannot, values that are no numbers, any size.
+//! Meshes of all formats, materials that don't reflect, cameras that can't, NaN values, any size.
 
 mod cameras;
 mod meshes;

@@ -38,7 +38,7 @@ fn reflections_show_what_rays_do_not_see() {
         };
         let expected = stage.expected();
         for (technique, own_rays, max_bounces) in [
-            // Rays of blocks, mirrors beside the shading of their hits, and before they bounce.
+            // Rays of blocks, mirrors in parallel to the shading of their hits, and before they bounce.
             (ReflectionTechnique::Reference, false, 1),
             (ReflectionTechnique::Variable, true, 1),
             (ReflectionTechnique::Quarter, true, 3),

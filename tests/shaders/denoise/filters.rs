@@ -455,7 +455,7 @@ fn filters_are_those_of_the_twin() {
                         (found - expected).abs() < 0.02,
                         "{input:?}: {row}.{column} {found}, not {expected}"
                     ),
-                    // Rounding decides on a border alone.
+                    // Only rounding decides at a border.
                     7 => edge += u32::from(found != expected),
                     11 if column == 3 => edge += u32::from(found != expected),
                     _ => assert!(

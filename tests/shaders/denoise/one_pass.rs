@@ -93,7 +93,7 @@ fn one_pass_finds_what_two_find() {
     }
 }
 
-/// The rays of exact mirrors write into the history themselves: the pass adds their surfaces, and leaves the rest alone.
+/// The rays of exact mirrors write into the history themselves: the pass adds their surfaces, and keeps the rest.
 #[test]
 fn own_rays_pass_by() {
     let Some((gpu, mut shaders)) = gpu() else { return };

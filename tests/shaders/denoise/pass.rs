@@ -123,7 +123,7 @@ impl<'a> Pass<'a> {
         }
     }
 
-    /// Takes the place of a buffer of the passes over the active tiles, too.
+    /// Also replaces a buffer of the passes over the active tiles.
     pub fn texture(&mut self, binding: u32, format: TextureFormat, size: UVec2, texels: &[u8]) {
         self.buffers.retain(|(taken, _)| *taken != binding);
         let texture = compute::texture(self.gpu, format, size, READ, texels);

@@ -263,7 +263,7 @@ fn what_stands_where_nothing_was_traced_is_not_looked_at() {
     }
 }
 
-/// Packed weight of rays that are as expected.
+/// Packed weight of ordinary rays.
 pub const AS_EXPECTED: f32 = 8.0;
 
 /// A new image with a little noise.

@@ -112,7 +112,7 @@ pub fn shading_tag(surface_word: u32) -> u32 {
     (surface_word ^ (surface_word >> 15)).wrapping_mul(0x9e37_79b1) >> 24
 }
 
-/// Colour, part of the age that is kept.
+/// Colour, and the fraction of the age that is kept.
 pub fn clip_to_box(color: Vec3, middle: Vec3, extent: Vec3) -> (Vec3, f32) {
     let offset = color - middle;
     let scale = (offset.abs() / extent.max(Vec3::splat(1e-6))).max_element().max(1.0);

@@ -409,7 +409,7 @@ impl Case {
     }
 }
 
-/// The camera, as far as the geometry of pixels depends on it.
+/// The part of the camera that determines the geometry of pixels.
 struct Camera {
     size: Vec2,
     view_from_clip: Mat4,

@@ -92,7 +92,7 @@ fn samples_follow_their_density() {
                 for _ in 0..SAMPLES {
                     counts[bin_of(view, alpha, &sample(view, alpha, random.next2()))] += 1;
                 }
-                // Bins with few samples are not Gaussian: they share one.
+                // Bins with few samples are not Gaussian, so they share one.
                 let (mut statistic, mut freedom, mut rest) = (0.0, -1.0, (0.0, 0.0));
                 let mut add = |count: f64, expected: f64| {
                     statistic += (count - expected).powi(2) / expected;
@@ -160,7 +160,7 @@ fn weight_and_inverse_pdf_belong_to_the_direction() {
     println!("largest relative error: pdf {:.1e}, weight {:.1e}", worst[0], worst[1]);
 }
 
-/// `[A + B, B]` by brute force over half vectors, from Bevy's D and V alone.
+/// `[A + B, B]` by brute force over half vectors, from only Bevy's D and V.
 fn brute_force_albedo(alpha: f64, n_dot_v: f64) -> [f64; 2] {
     const RINGS: usize = 600;
     const SECTORS: usize = 256;

@@ -111,7 +111,7 @@ fn samples_are_those_of_the_twin() {
             input.view, input.alpha, input.u, input.ndf
         );
         if drawn.valid != (output.valid != 0) {
-            // Rounding decides on the horizon alone.
+            // Only rounding decides at the horizon.
             edge += 1;
             assert!(drawn.direction.z.min(output.direction.z) < 1e-4, "{case}");
             continue;
@@ -126,7 +126,7 @@ fn samples_are_those_of_the_twin() {
             close(g1_smith(0.4, guard_view(input.view).z), output.g1, 1e-4),
             "{case}"
         );
-        // From the direction alone the half vector is known to 1e-7 / h.v, while the lobe is alpha wide.
+        // The direction alone gives the half vector to 1e-7 / h.v, while the lobe is alpha wide.
         let width = input.alpha.max(MIRROR_ALPHA) * drawn.half_dot_view.max(1e-3);
         if drawn.direction.z > 1e-3 && width > 1e-3 {
             assert!(close(pdf, output.pdf, 1e-4 + 3e-6 / width), "{pdf}, {case}");

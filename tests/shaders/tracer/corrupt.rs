@@ -44,7 +44,7 @@ fn traversals_of_corrupt_trees_end() {
     }
     let instances = [GpuInstance::default()];
     let mut cases = Vec::new();
-    // The children of all nodes are the first ones, without end. All indices are in range: it can run without checks, too.
+    // The children of each node are the first nodes, endlessly. All indices are in range, so it can also run without checks.
     let mut circle = intact();
     for node in 0..nodes {
         circle.items[node as usize][2][2] &= 0xf << 28;

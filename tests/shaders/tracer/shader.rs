@@ -116,7 +116,7 @@ fn compare(gpu: &Gpu, scene: &Packed, rays: &[TraceRay], tolerance: f64, floor: 
             let mirror = closest(&view, ray, &mut Counters::default());
             let agreed = agrees(answer, mirror, tolerance as f32);
             different += usize::from(!agreed);
-            // Brute force is slow: it judges a part, and all that is in doubt.
+            // Brute force is slow, so it judges a part, and all doubtful answers.
             if !agreed || i % 16 == 0 {
                 let hit = (answer.instance != NO_HIT).then_some((answer.t, answer.instance, answer.primitive));
                 let oracle = scene.oracle(ray);

@@ -147,7 +147,7 @@ impl Packed {
         Self::with(meshes, instances, max_entries, |_| Packing::SINGLE)
     }
 
-    /// `packing` says for each instance how it is packed.
+    /// `packing` returns the packing of each instance.
     pub fn with(
         meshes: Vec<Mesh>,
         instances: Vec<(usize, Affine3A)>,

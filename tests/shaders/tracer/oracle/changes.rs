@@ -52,7 +52,7 @@ fn change(app: &mut OracleApp, object: usize, respawn: bool, random: &mut Random
     }
 }
 
-/// Static and moving trees, merged trees and objects that are cut out of them: all of it changes, and is as if it was new.
+/// Static and moving trees, merged trees and objects that are cut out of them: all of them change, and equal newly built ones.
 #[test]
 fn changes_in_any_order_are_hit_as_they_are() {
     for tracer in [ReflectionTracerChoice::Bvh, ReflectionTracerChoice::RayQuery] {

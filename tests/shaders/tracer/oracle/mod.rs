@@ -22,7 +22,7 @@ struct Tally {
     hits: usize,
     /// Rays that hit nothing, or are not blocked.
     open: usize,
-    /// Answers that are not the exact ones, but as good in single precision.
+    /// Answers that aren't the exact ones, but as good in single precision.
     borders: usize,
 }
 
@@ -77,7 +77,7 @@ fn assert_on_triangle(name: &str, packed: &Packed, ray: &TraceRay, hit: &Hit, cl
     let least = second.min(third).min(1.0 - second - third);
     assert!(least >= -TOLERANCE, "{name}: {ray:?} {hit:?}");
     let cosine = (b - a).cross(c - a).normalize_or_zero().dot(direction);
-    // Seen on edge, rounding decides.
+    // Rounding decides if it is seen edge-on.
     if cosine.abs() > 1e-3 && candidate.error <= slack {
         assert_eq!(hit.front_face, cosine < 0.0, "{name}: {ray:?} {hit:?}");
     }
