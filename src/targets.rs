@@ -135,7 +135,7 @@ pub struct PipelineTargets {
     pub rate: [TextureView; 2],
     /// Blocks of trace pixels that get a ray, one word each: see `rate/codes.wesl`.
     pub ray_list: Buffer,
-    /// Full-resolution mirror pixels that get a ray of their own, `x | y << 16`. A single word without such rays.
+    /// Full-resolution mirror pixels that get their own ray, `x | y << 16`. A single word without such rays.
     pub mirror_ray_list: Buffer,
     /// Active tiles, `x | y << 16`.
     pub tile_list: Buffer,

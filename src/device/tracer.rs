@@ -64,7 +64,7 @@ pub(crate) fn choose_tracer(
     limits: &WgpuLimits,
 ) -> (ReflectionTracer, Vec<String>) {
     let mut missing = ray_query_features().difference(features);
-    // Limits of acceleration structures are zero unless requested. Moving objects can have a structure of their own.
+    // Limits of acceleration structures are zero unless requested. Moving objects can have their own structure.
     if limits.max_acceleration_structures_per_shader_stage < 2
         || limits.max_tlas_instance_count == 0
         || limits.max_blas_primitive_count == 0

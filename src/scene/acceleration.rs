@@ -51,7 +51,7 @@ pub struct RayQueryObjects<'a> {
     pub changed: &'a [u32],
     /// Returns the object of a slot, if rays can hit it.
     pub get: &'a dyn Fn(u32) -> Option<RayQueryInstance>,
-    /// Moving objects are allowed a TLAS of their own.
+    /// Moving objects are allowed their own TLAS.
     pub may_split: bool,
 }
 
@@ -114,7 +114,7 @@ impl AccelerationStructures {
         [&self.still.tlas, &self.moving.as_ref().unwrap_or(&self.still).tlas]
     }
 
-    /// Returns whether moving objects have a TLAS of their own.
+    /// Returns whether moving objects have their own TLAS.
     pub fn is_split(&self) -> bool {
         self.moving.is_some()
     }

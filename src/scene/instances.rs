@@ -46,7 +46,7 @@ pub struct InstanceSource {
 }
 
 impl InstanceSource {
-    /// An object without properties of its own.
+    /// An object without its own properties.
     #[cfg(test)]
     pub(super) fn plain(entity: Entity) -> Self {
         Self {

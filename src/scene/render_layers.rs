@@ -25,7 +25,7 @@ pub struct SceneLayers {
     lit: RenderLayers,
     /// The groups differ from the last frame.
     pub changed: bool,
-    /// The layers on which lights cast shadows have changed, which affects objects with layers of their own.
+    /// The layers on which lights cast shadows have changed, which affects objects with their own layers.
     pub lit_changed: bool,
 }
 

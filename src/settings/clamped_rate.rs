@@ -39,7 +39,7 @@ pub(crate) struct RateThresholds {
     pub uniform_code: u32,
     /// Noise target of [`RateVariant::Adaptive`].
     pub error_target: f32,
-    /// Mirror pixels without a ray of their own keep their history.
+    /// Mirror pixels without their own ray keep their history.
     pub keeps_mirrors: bool,
 }
 

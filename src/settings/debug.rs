@@ -34,12 +34,12 @@ pub enum ReflectionDebugView {
     /// added.
     Reflection,
     /// The colour of each tile's rate according to [`RATE_LEGEND`], over the brightness of the frame; darker where nothing reflects. Exact
-    /// mirrors with rays of their own have a separate colour.
+    /// mirrors with their own rays have a separate colour.
     ShadingRates,
     /// Heat of the reflection rays per pixel of the view, by its logarithm: blue 1/64, cyan 1/23, green 1/8, yellow 1/3, red 1. The ray of
     /// a block is divided equally among its pixels.
     RaysPerPixel,
-    /// Radiance of rays, before any weighting: a block of pixels shows its shared ray. Exact mirrors with rays of their own are excluded.
+    /// Radiance of rays, before any weighting: a block of pixels shows its shared ray. Exact mirrors with their own rays are excluded.
     RawRays,
     /// Heat of the distance from the surface to the reflected object, on a logarithmic scale, according to the reconstruction: blue 0.1 m,
     /// cyan 1 m, green 10 m, yellow 100 m, red 1,000 m. White is the sky.
@@ -57,8 +57,8 @@ pub enum ReflectionDebugView {
     /// Heat of the mean weight of the rays from which a pixel was reconstructed, relative to its expectation, by its logarithm: blue 1/16,
     /// cyan 1/4, green 1, yellow 4, red 16. Black without a ray. It is the frame's weight in the pixel's history.
     RayWeight,
-    /// Red if a pixel's history contains at most one frame: it is new, or its history was rejected. Excludes exact mirrors with rays of
-    /// their own, which have no history.
+    /// Red if a pixel's history contains at most one frame: it is new, or its history was rejected. Excludes exact mirrors with their own
+    /// rays, which have no history.
     Rejected,
     /// Magenta if any value that the passes store for a pixel is not finite; yellow if only the frame itself is not.
     NonFinite,

@@ -13,7 +13,7 @@ use bevy::{
 /// screen gets; ignored with other techniques.
 ///
 /// Averages are over all reflective pixels of a tile in each frame, so that rates don't depend on which pixels trace. Exact mirrors with
-/// rays of their own ([`full_resolution_mirrors`](crate::RayTracedReflections::full_resolution_mirrors)) are excluded.
+/// their own rays ([`full_resolution_mirrors`](crate::RayTracedReflections::full_resolution_mirrors)) are excluded.
 #[derive(Component, FromTemplate, Reflect, Clone, Debug, PartialEq)]
 #[reflect(Component, Default, Debug, Clone, PartialEq)]
 #[non_exhaustive]
@@ -226,8 +226,8 @@ impl Default for CombinedThresholds {
 /// - **Images.** Smooth surfaces with a sharp reflection and surfaces that touch the reflected object get all rays, too.
 /// - **Neighbours.** A pixel borrows twice as many rays as set by [`samples`](crate::ReflectionDenoiser::samples), up to 16: resting tiles
 ///   save the time for that.
-/// - **Mirrors.** Without rays of their own ([`full_resolution_mirrors`](crate::RayTracedReflections::full_resolution_mirrors)), exact
-///   mirrors show each of their rays at the pixel where it started, and the history at other pixels: sharp, a few frames late.
+/// - **Mirrors.** Without their own rays ([`full_resolution_mirrors`](crate::RayTracedReflections::full_resolution_mirrors)), exact mirrors
+///   show each of their rays at the pixel where it started, and the history at other pixels: sharp, a few frames late.
 ///
 /// Tiles have 8x8 trace pixels, unless the camera has a [`ShadingRateTileSize`] or the hardware back end.
 #[derive(Reflect, Clone, Copy, Debug, PartialEq)]

@@ -18,7 +18,7 @@ pub enum ReflectionPreset {
     /// level 2 at hits, a history that follows surfaces, no cut-off, and none of the optional additions. [How it
     /// works](crate::manual::how_it_works) lists the differences. 1/16 to 1/4 ray per pixel.
     Paper,
-    /// Four times the noise of the default, half the samples, and no rays of their own for mirrors. 1/32 to 1/4 ray per pixel.
+    /// Four times the noise of the default, half the samples, and no separate rays for mirrors. 1/32 to 1/4 ray per pixel.
     Low,
     /// The default of [`RayTracedReflections`] and of [`ShadingRateHeuristic`]. 1/32 to 1/4 ray per pixel.
     #[default]

@@ -24,7 +24,7 @@ pub(super) struct Demand {
     pub mirrors: bool,
     /// These can be traced in the pass that shades the blocks' hits.
     pub may_join: bool,
-    /// Features that the settings ask for.
+    /// Features that the settings request.
     pub asked: Features,
 }
 

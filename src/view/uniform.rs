@@ -106,7 +106,7 @@ pub const VIEW_HAS_SSAO: u32 = 1;
 /// Bevy's lighting adds the diffuse light of environment maps, probes or irradiance volumes.
 pub const VIEW_HAS_IRRADIANCE: u32 = 2;
 
-/// Mirror pixels get rays of their own and bypass the denoiser.
+/// Mirror pixels get their own rays and bypass the denoiser.
 pub const VIEW_FULL_RESOLUTION_MIRRORS: u32 = 4;
 /// Rays are sampled as in the paper.
 pub const VIEW_HALTON: u32 = 8;
@@ -114,7 +114,7 @@ pub const VIEW_HALTON: u32 = 8;
 pub const VIEW_VIRTUAL_HISTORY: u32 = 16;
 /// Rays far brighter than their neighbours are dimmed.
 pub const VIEW_SUPPRESS_FIREFLIES: u32 = 32;
-/// Mirror pixels without a ray of their own keep their history.
+/// Mirror pixels without their own ray keep their history.
 pub const VIEW_MIRROR_HISTORY: u32 = 64;
 
 /// Bevy draws transmissive surfaces.

@@ -216,7 +216,7 @@ fn probe(adapter: &Adapter) -> Facts {
     if has_rendering {
         features = features.push_next(&mut rendering);
     }
-    // SAFETY: the instance is of 1.1 or newer and owns the physical device; the driver knows all structures of the chain.
+    // SAFETY: the instance is of 1.1 or newer and owns the physical device; the driver supports all structures of the chain.
     unsafe { instance.get_physical_device_features2(physical, &mut features) };
     facts.fragment_stores = features.features.fragment_stores_and_atomics != 0;
     facts.anisotropy = features.features.sampler_anisotropy != 0;
@@ -241,7 +241,7 @@ fn probe_rates(adapter: &Adapter) -> ShadingRates {
     let (instance, physical) = (shared.raw_instance(), adapter.raw_physical_device());
     let mut shading = vk::PhysicalDeviceFragmentShadingRatePropertiesKHR::default();
     let mut properties = vk::PhysicalDeviceProperties2::default().push_next(&mut shading);
-    // SAFETY: the instance is of 1.1 or newer and owns the physical device; the driver knows all structures of the chain.
+    // SAFETY: the instance is of 1.1 or newer and owns the physical device; the driver supports all structures of the chain.
     unsafe { instance.get_physical_device_properties2(physical, &mut properties) };
     let size = |extent: vk::Extent2D| UVec2::new(extent.width, extent.height);
     ShadingRates {

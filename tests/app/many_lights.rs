@@ -102,7 +102,7 @@ fn drawn_lights_bring_the_light_of_all() {
             (ReflectionTechnique::Converged, false, 64, 0.003, 0.04),
             (ReflectionTechnique::QuarterInline, false, 2, 0.02, 1.0),
             (ReflectionTechnique::Reference, false, 2, 0.02, 1.0),
-            // Exact mirrors have rays of their own, and draw more lights.
+            // Exact mirrors have their own rays, and draw more lights.
             (ReflectionTechnique::Quarter, true, 2, 0.02, 1.0),
         ] {
             if technique != ReflectionTechnique::Converged && tracer == ReflectionTracerChoice::RayQuery {

@@ -230,7 +230,7 @@ struct Stage<'a> {
     fog_color: Color,
     /// Technique for the image in the mirror, and its number of frames.
     technique: ReflectionTechnique,
-    /// Exact mirrors have rays of their own.
+    /// Exact mirrors have their own rays.
     own_rays: bool,
     /// Number of hits of a ray, each with its own reflection.
     bounces: u32,

@@ -6,7 +6,7 @@
 //!
 //! # Merged trees
 //!
-//! Overlapping objects are expensive: a ray enters each of them separately, with a transform and nodes of its own. Static objects are
+//! Overlapping objects are expensive: a ray enters each of them separately, with its own transform and nodes. Static objects are
 //! therefore also built into one tree over their triangles in world space ([`build_merged`]). The TLAS treats it like a BLAS, and if the
 //! scene has nothing else, rays start in it at once.
 //!

@@ -82,7 +82,7 @@ type IsObject<C> = (
     <C as MaterialComponent>::Filter,
 );
 
-/// Objects with render layers of their own.
+/// Objects with their own render layers.
 type IsLayered<C> = (IsObject<C>, With<RenderLayers>);
 
 /// The parts of the main world that extraction reads.

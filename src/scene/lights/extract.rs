@@ -50,7 +50,7 @@ struct Known {
     entities: Vec<Entity>,
     /// By entity, the index of its light, or [`DARK`].
     lights: Vec<u32>,
-    /// For each table of the world, its number of entities, and whether they have layers of their own.
+    /// For each table of the world, its number of entities, and whether they have their own layers.
     tables: Vec<(usize, bool)>,
 }
 
