@@ -73,7 +73,7 @@ pub struct TracePipelines {
 #[derive(Clone, Copy, Default, PartialEq)]
 struct Missing {
     all: Features,
-    /// Those whose shaders are being compiled.
+    /// Missing features with shaders that are being compiled.
     expected: Features,
 }
 

@@ -290,7 +290,7 @@ fn add_plugins(app: &mut App, settings: &HarnessSettings, clock: &SystemClock) {
         .insert_resource(PointLightShadowMap { size: 64 })
         .insert_resource(RenderErrorHandler(|error, world, _| handle_error(error, world)))
         .insert_resource(Recovery(settings.device.clone()))
-        // Scenes are looked for leaks right after their cameras are gone.
+        // Scenes are checked for leaks right after their cameras are gone.
         .insert_resource(ReflectionRetention(Duration::ZERO))
         .init_resource::<CaughtErrors>();
     if settings.diagnostics {
