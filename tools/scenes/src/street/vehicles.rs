@@ -214,7 +214,7 @@ fn scooter(g: &mut Geometry, detail: f32) {
     rod(g, fine(12), 0.035, [0.56, 1.0, 0.0], [0.66, 0.30, 0.0]);
 }
 
-/// Handlebars, mirrors, the stand, and rails.
+/// Handlebars, mirrors, the kickstand, and rails.
 fn trim(g: &mut Geometry, detail: f32) {
     let fine = |base: u32| segments(base, detail);
     let path = [
@@ -247,7 +247,7 @@ fn trim(g: &mut Geometry, detail: f32) {
     bent(g, 6, 0.009, 4, &path);
 }
 
-/// Scooters along the southern kerb. One is 1.7 m long and drives along +x; it leans on its stand.
+/// Scooters along the southern kerb. One is 1.7 m long and drives along +x; it leans on its kickstand.
 fn scooters(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
     let fine = |base: u32| segments(base, detail);
     let paint = scene.shape(|g| scooter(g, detail));
