@@ -115,10 +115,10 @@ fn name(row: &Row) -> String {
 
 /// Compares rows of the same scene, technique, back end and tracer.
 ///
-/// Compares two sets of rows. A time has changed if it differs by more than [`MIN_TIME_CHANGE`] and by more than the noise of
-/// both runs. An error has changed if it differs by more than [`MIN_ERROR_CHANGE`] and by more than its own floor, and a bias of
-/// the reflected light if it differs by more than a floor and by more than both intervals allow. Times of different adapters, and
-/// any values at different image sizes, are not compared.
+/// A time has changed if it differs by more than [`MIN_TIME_CHANGE`] and by more than the noise of both runs. An error has
+/// changed if it differs by more than [`MIN_ERROR_CHANGE`] and by more than its own floor, and a bias of the reflected light if
+/// it differs by more than a floor and by more than both intervals allow. Times of different adapters, and any values at
+/// different image sizes, are not compared.
 pub fn compare(old: &[Row], new: &[Row]) -> Comparison {
     let mut comparison = Comparison::default();
     for row in new {
