@@ -4,7 +4,11 @@
 //! idle when a frame begins, so that a CPU driver doesn't render during the measurement.
 
 use crate::table::{Csv, number};
-use bevy::{math::UVec2, prelude::*};
+use bevy::{
+    camera::visibility::{RenderLayers, VisibilityRange},
+    math::UVec2,
+    prelude::*,
+};
 use bevy_glint::{
     RayTracedReflections, RayTracedReflectionsPlugin, ReflectionStatus, ReflectionStatusReport, ReflectionTracer,
     ReflectionTracerChoice,
@@ -25,6 +29,13 @@ const FINE: u32 = 3;
 /// Subdivisions of the spheres that fill one merged tree: 80 triangles each.
 const COARSE: u32 = 1;
 const IN_A_CHUNK: usize = 13_100;
+/// Spheres of 20 triangles each, all of which share one merged tree.
+const MERGED: usize = 40_000;
+const TINY: u32 = 0;
+/// Objects with a level of detail.
+const RANGED: usize = 50_000;
+const SEE_THROUGH: usize = 20_000;
+const FLICKERING_LIGHTS: usize = 10;
 /// Frames of a round. The means of rounds are practically independent.
 const FRAMES: u32 = 20;
 /// Frames in which a touched object shows its cost.
@@ -50,6 +61,12 @@ enum World {
     Materials(usize),
     /// With a few spheres.
     Lights,
+    /// This number of spheres, and a ghost with a mesh and a blended material of its own.
+    Haunted(usize),
+    /// This number of spheres with a visibility range.
+    Ranged(usize),
+    /// This number of blended spheres.
+    SeeThrough(usize),
 }
 
 #[derive(Clone, Copy, PartialEq)]
@@ -63,9 +80,30 @@ enum Change {
     Material,
     /// An object that was static so far, a different one in each round.
     Touch,
+    /// All objects move by one vector, once in each round.
+    Shift,
+    /// This number of objects each move by their own vector, once in each round.
+    Explosion(usize),
+    /// The alpha of the ghost.
+    Fade,
+    /// The mesh of the ghost.
+    Edit,
+    /// This number of lights go dark and come back.
+    Flicker(usize),
+    /// A light with render layers comes or goes.
+    Flash,
+    /// The camera moves by a centimetre.
+    Camera,
 }
 
-const CASES: [Case; 8] = [
+impl Change {
+    /// It happens once in each round.
+    fn is_rare(self) -> bool {
+        matches!(self, Self::Touch | Self::Shift | Self::Explosion(_))
+    }
+}
+
+const CASES: [Case; 17] = [
     Case {
         name: "one static instance",
         world: World::Spheres(1, FINE),
@@ -113,6 +151,60 @@ const CASES: [Case; 8] = [
         world: World::Lights,
         change: Change::Lights(MOVING_LIGHTS),
         limit: Some(0.3),
+    },
+    Case {
+        name: "1,000 lights, 10 of them flickering",
+        world: World::Lights,
+        change: Change::Flicker(FLICKERING_LIGHTS),
+        limit: Some(0.3),
+    },
+    Case {
+        name: "a light with layers comes or goes among 100,000",
+        world: World::Spheres(INSTANCES, FINE),
+        change: Change::Flash,
+        limit: Some(0.3),
+    },
+    Case {
+        name: "one blended material of 100,000 fades",
+        world: World::Haunted(INSTANCES),
+        change: Change::Fade,
+        limit: Some(0.3),
+    },
+    Case {
+        name: "one mesh of 100,000 is edited",
+        world: World::Haunted(INSTANCES),
+        change: Change::Edit,
+        limit: Some(0.3),
+    },
+    Case {
+        name: "the camera moves among 50,000 levels of detail",
+        world: World::Ranged(RANGED),
+        change: Change::Camera,
+        limit: Some(0.3),
+    },
+    Case {
+        name: "20,000 see-through objects out of sight",
+        world: World::SeeThrough(SEE_THROUGH),
+        change: Change::Nothing,
+        limit: Some(0.3),
+    },
+    Case {
+        name: "10,000 merged objects are shifted by one vector",
+        world: World::Spheres(MERGED / 4, TINY),
+        change: Change::Shift,
+        limit: Some(5.0),
+    },
+    Case {
+        name: "40,000 merged objects are shifted by one vector",
+        world: World::Spheres(MERGED, TINY),
+        change: Change::Shift,
+        limit: Some(5.0),
+    },
+    Case {
+        name: "an explosion moves 10,000 of 40,000 merged objects",
+        world: World::Spheres(MERGED, TINY),
+        change: Change::Explosion(MERGED / 4),
+        limit: Some(5.0),
     },
 ];
 
@@ -241,6 +333,10 @@ struct Setup {
     objects: Vec<Entity>,
     materials: Vec<Handle<StandardMaterial>>,
     lights: Vec<Entity>,
+    camera: Entity,
+    /// The mesh and the material of the ghost.
+    ghost: Option<(Handle<Mesh>, Handle<StandardMaterial>)>,
+    flash: Option<Entity>,
     frame: u32,
 }
 
@@ -256,13 +352,16 @@ impl Setup {
         })
         .map_err(|error| error.to_string())?;
         // The world lies behind the camera, because drawing it isn't the plugin's work.
-        app.spawn_camera((RayTracedReflections::default(), Transform::default()));
+        let camera = app.spawn_camera((RayTracedReflections::default(), Transform::default()));
         let mut setup = Self {
             app,
             clock,
             objects: Vec::new(),
             materials: Vec::new(),
             lights: Vec::new(),
+            camera,
+            ghost: None,
+            flash: None,
             frame: 0,
         };
         match world {
@@ -271,6 +370,27 @@ impl Setup {
             World::Lights => {
                 setup.spawn(100, FINE, KINDS);
                 setup.spawn_lights();
+            }
+            World::Haunted(count) => {
+                setup.spawn(count, FINE, KINDS);
+                setup.spawn_ghost();
+            }
+            World::Ranged(count) => {
+                setup.spawn(count, COARSE, KINDS);
+                let range = VisibilityRange::abrupt(20.0, 60.0);
+                let world = setup.app.world();
+                for object in &setup.objects {
+                    world.entity_mut(*object).insert(range.clone());
+                }
+            }
+            World::SeeThrough(count) => {
+                setup.spawn(count, COARSE, KINDS);
+                let mut materials = setup.app.world().resource_mut::<Assets<StandardMaterial>>();
+                for material in &setup.materials {
+                    if let Some(mut material) = materials.get_mut(material) {
+                        material.alpha_mode = AlphaMode::Blend;
+                    }
+                }
             }
         }
         setup.app.warm_up(FRAME_LIMIT).map_err(|error| error.to_string())?;
@@ -309,6 +429,19 @@ impl Setup {
         }
     }
 
+    fn spawn_ghost(&mut self) {
+        let world = self.app.world();
+        let mesh = world.resource_mut::<Assets<Mesh>>().add(Cuboid::default());
+        let material = world.resource_mut::<Assets<StandardMaterial>>().add(StandardMaterial {
+            alpha_mode: AlphaMode::Blend,
+            ..default()
+        });
+        let place = Transform::from_xyz(0.0, 0.0, 5.0);
+        let ghost = world.spawn((Mesh3d(mesh.clone()), MeshMaterial3d(material.clone()), place));
+        self.objects.push(ghost.id());
+        self.ghost = Some((mesh, material));
+    }
+
     fn spawn_lights(&mut self) {
         for index in 0..LIGHTS {
             let place = Vec3::new((index % 32) as f32, 5.0, 20.0 + (index / 32) as f32);
@@ -328,7 +461,10 @@ impl Setup {
             self.step();
             let report = self.report();
             let pending = report.meshes_pending > 0 || report.merges_pending || report.micromaps_pending;
-            let complete = report.ready && !pending && report.instances == self.objects.len();
+            // Some levels of detail are out of their range.
+            let is_there = report.instances == self.objects.len() || change == Change::Camera;
+            let is_edited = change == Change::Edit && report.meshes_pending < 2 && !report.merges_pending;
+            let complete = report.ready && (!pending || is_edited) && is_there;
             quiet = if complete { quiet + 1 } else { 0 };
             if quiet >= QUIET_FRAMES {
                 return Ok(());
@@ -354,7 +490,16 @@ impl Setup {
     /// Moves objects that are spread evenly over all.
     fn shift(&mut self, change: Change) {
         let (list, count) = match change {
-            Change::Nothing | Change::Touch => return,
+            Change::Nothing | Change::Touch | Change::Shift | Change::Explosion(_) => return,
+            Change::Fade | Change::Edit => return self.haunt(change),
+            Change::Flicker(count) => return self.flicker(count),
+            Change::Flash => return self.flash(),
+            Change::Camera => {
+                if let Some(mut transform) = self.app.world().get_mut::<Transform>(self.camera) {
+                    transform.translation.z += 0.01;
+                }
+                return;
+            }
             Change::Material => {
                 let roughness = 0.5 + 0.001 * (self.frame % 100) as f32;
                 let mut materials = self.app.world().resource_mut::<Assets<StandardMaterial>>();
@@ -379,10 +524,48 @@ impl Setup {
         }
     }
 
+    fn haunt(&mut self, change: Change) {
+        let Some((mesh, material)) = self.ghost.clone() else {
+            return;
+        };
+        let phase = 0.5 + 0.004 * (self.frame % 100) as f32;
+        let world = self.app.world();
+        if change == Change::Edit {
+            if let Some(mut mesh) = world.resource_mut::<Assets<Mesh>>().get_mut(&mesh) {
+                *mesh = Cuboid::new(1.0, phase, 1.0).into();
+            }
+        } else if let Some(mut material) = world.resource_mut::<Assets<StandardMaterial>>().get_mut(&material) {
+            material.base_color.set_alpha(phase);
+        }
+    }
+
+    fn flicker(&mut self, count: usize) {
+        let is_on = self.frame.is_multiple_of(2);
+        let stride = (self.lights.len() / count).max(1);
+        for light in self.lights.iter().step_by(stride).take(count) {
+            if let Some(mut light) = self.app.world().get_mut::<PointLight>(*light) {
+                light.intensity = if is_on { 100_000.0 } else { 0.0 };
+            }
+        }
+    }
+
+    fn flash(&mut self) {
+        let world = self.app.world();
+        match self.flash.take() {
+            Some(flash) => _ = world.despawn(flash),
+            None => {
+                let flash = (PointLight::default(), RenderLayers::layer(1), Transform::default());
+                self.flash = Some(world.spawn(flash).id());
+            }
+        }
+    }
+
     fn measure(&mut self, change: Change, rounds: u32) -> Result<Vec<Round>, String> {
         self.settle(change)?;
-        if change == Change::Touch {
-            return (1..=rounds as usize).map(|round| self.touch(round, rounds)).collect();
+        if change.is_rare() {
+            return (1..=rounds as usize)
+                .map(|round| self.disturb(change, round, rounds))
+                .collect();
         }
         let round = |_| {
             let frames = (0..FRAMES).map(|_| {
@@ -394,16 +577,27 @@ impl Setup {
         Ok((0..rounds).map(round).collect())
     }
 
-    /// Moves an object that never moved. The longest frame counts.
-    fn touch(&mut self, round: usize, rounds: u32) -> Result<Round, String> {
-        let stride = self.objects.len() / (rounds as usize + 1);
-        let entity = self.objects[round * stride];
-        if let Some(mut transform) = self.app.world().get_mut::<Transform>(entity) {
-            transform.translation.y += 0.5;
+    /// Moves objects that haven't moved lately. The longest frame counts.
+    fn disturb(&mut self, change: Change, round: usize, rounds: u32) -> Result<Round, String> {
+        let (first, stride) = match change {
+            Change::Shift => (0, 1),
+            Change::Explosion(count) => (0, self.objects.len() / count),
+            // In each round, an object that never moved.
+            _ => (round * self.objects.len() / (rounds as usize + 1), self.objects.len()),
+        };
+        for (index, object) in self.objects.iter().enumerate().skip(first).step_by(stride) {
+            if let Some(mut transform) = self.app.world().get_mut::<Transform>(*object) {
+                let own = if change == Change::Shift {
+                    0.0
+                } else {
+                    0.1 * (index % 7) as f32
+                };
+                transform.translation += Vec3::new(own, 0.5, own);
+            }
         }
         let frames = (0..AFTERMATH).map(|_| Round::of(&[self.step()]));
         let slowest = frames.max_by(|a, b| a.all.total_cmp(&b.all));
-        self.settle(Change::Touch)?;
+        self.settle(Change::Nothing)?;
         slowest.ok_or_else(|| "no frame was measured".to_owned())
     }
 }
