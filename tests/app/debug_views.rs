@@ -41,6 +41,7 @@ fn switch(app: &mut HeadlessApp, camera: Entity, technique: ReflectionTechnique)
 
 /// All tests of the demo in one app, because starting it takes longer than most of them.
 #[test]
+#[ignore = "long: a large scene in each debug view"]
 fn views_of_the_demo() {
     let Some(mut app) = app() else { return };
     let app = &mut app;

@@ -279,6 +279,7 @@ fn facing_mirrors() {
 }
 
 #[test]
+#[ignore = "long: 10,000 lights"]
 fn many_lights() {
     let Some(mut example) = Example::start("many_lights", many_lights::plugin) else {
         return;

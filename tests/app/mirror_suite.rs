@@ -9,8 +9,7 @@ mod sky;
 mod transmission;
 
 use crate::{
-    common::app,
-    pictures::{BOTH, PATIENCE, differing_pixels, dump, flip, reflect, warm_up},
+    pictures::{PATIENCE, apps, differing_pixels, dump, flip, reflect, warm_up},
     stage::{BEFORE_THE_MIRROR, SIZE, metal, spawn_camera, spawn_mesh, wall},
 };
 use bevy::{
@@ -517,10 +516,7 @@ impl<'a> Stage<'a> {
 
 #[test]
 fn a_scene_in_a_mirror_looks_like_itself() {
-    for tracer in BOTH {
-        let Some(mut app) = app(SIZE, Output::Picture, tracer) else {
-            continue;
-        };
+    for (tracer, mut app) in apps(SIZE, Output::Picture) {
         let mut stage = Stage::new(&mut app);
         let mut failures = Vec::new();
         let lights = light::ROWS.into_iter().chain(light_textures::ROWS);

@@ -212,6 +212,7 @@ pub fn difference(a: &[f32], b: &[f32]) -> f32 {
 }
 
 #[test]
+#[ignore = "long: hundreds of frames"]
 fn what_no_ray_meets_keeps_no_view_from_converging() {
     let Some(mut app) = app(SIZE, Output::Linear, ReflectionTracerChoice::Bvh) else {
         return;
@@ -302,6 +303,7 @@ fn assert_followed(
 }
 
 #[test]
+#[ignore = "long: hundreds of frames for each kind of change"]
 fn what_rays_meet_is_followed() {
     let all = [
         Change::Place,
@@ -374,6 +376,7 @@ fn spawn_in_air(app: &mut HeadlessApp) -> (Entity, Entity) {
 }
 
 #[test]
+#[ignore = "long: hundreds of frames of a sky"]
 fn the_sun_of_an_atmosphere_is_followed() {
     const NOON: Vec3 = Vec3::new(1.0, -2.0, 0.5);
     const EVENING: Vec3 = Vec3::new(1.0, -0.05, 0.5);

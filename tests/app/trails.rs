@@ -112,11 +112,13 @@ fn a_lamp_that_crosses_a_glossy_floor_leaves_no_trail() {
 
 /// The smoother the floor, the more its history is worth.
 #[test]
+#[ignore = "long: hundreds of frames of truth"]
 fn a_lamp_that_crosses_a_smooth_floor_is_sharp() {
     expect("crossing-smooth", 0.95, |app| lamp(app, 0.08), CROSS);
 }
 
 #[test]
+#[ignore = "long: hundreds of frames of truth"]
 fn a_bar_that_turns_over_a_smooth_floor_leaves_no_trail() {
     expect(
         "turning",
@@ -131,6 +133,7 @@ fn a_bar_that_turns_over_a_smooth_floor_leaves_no_trail() {
 }
 
 #[test]
+#[ignore = "long: hundreds of frames of truth"]
 fn a_camera_that_passes_a_sphere_sees_no_trail() {
     expect(
         "passing",

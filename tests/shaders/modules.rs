@@ -242,6 +242,7 @@ fn main() {
 "#;
 
 #[test]
+#[ignore = "long: every module with every combination of definitions"]
 fn each_module_compiles_alone() {
     let mut shaders = Shaders::load();
     let mut failures = Vec::new();

@@ -197,6 +197,7 @@ fn pose(time: f32) -> Transform {
 type Change = fn(&mut RayTracedReflections);
 
 #[test]
+#[ignore = "long: 1,125 frames"]
 fn techniques_reflect_the_light_of_the_ground_truth() {
     let cases: [(&str, &str, Change); 4] = [
         ("reference", "neighbours", |_| {}),

@@ -22,7 +22,8 @@ pub fn is_alone(test: &str) -> bool {
     }
     let program = env::current_exe().unwrap_or_else(|error| panic!("{error}"));
     let output = Command::new(program)
-        .args([test, "--exact", "--nocapture"])
+        // Long tests are ignored unless they are asked for.
+        .args([test, "--exact", "--nocapture", "--include-ignored"])
         .env(ALONE, "1")
         .stdin(Stdio::null())
         .output()

@@ -101,6 +101,7 @@ fn survive_a_part(part: usize) {
 }
 
 #[test]
+#[ignore = "long: a scene for each generator, and random ones"]
 fn hostile_scenes_are_survived_with_the_bvh() {
     if is_alone("tests::hostile_scenes_are_survived_with_the_bvh") {
         survive_a_part(0);
@@ -108,6 +109,7 @@ fn hostile_scenes_are_survived_with_the_bvh() {
 }
 
 #[test]
+#[ignore = "long: a scene for each generator, and random ones"]
 fn other_hostile_scenes_are_survived_with_the_bvh() {
     if is_alone("tests::other_hostile_scenes_are_survived_with_the_bvh") {
         survive_a_part(1);
@@ -115,6 +117,7 @@ fn other_hostile_scenes_are_survived_with_the_bvh() {
 }
 
 #[test]
+#[ignore = "long: a scene for each generator, and random ones"]
 fn hostile_scenes_are_survived_with_ray_queries() {
     if !is_alone("tests::hostile_scenes_are_survived_with_ray_queries") {
         return;
@@ -125,6 +128,7 @@ fn hostile_scenes_are_survived_with_ray_queries() {
 }
 
 #[test]
+#[ignore = "long: hundreds of frames of known scenes"]
 fn known_scenes_keep_their_light() {
     if !is_alone("tests::known_scenes_keep_their_light") {
         return;

@@ -78,11 +78,13 @@ fn atrium() {
 }
 
 #[test]
+#[ignore = "long: a large scene"]
 fn temple() {
     compare("temple", &["--scene", "temple", "--detail", "0.25"], 2.0);
 }
 
 #[test]
+#[ignore = "long: a large scene"]
 fn street() {
     compare("street", &["--scene", "street", "--detail", "0.25"], 2.0);
 }

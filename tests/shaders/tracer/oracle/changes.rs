@@ -55,16 +55,26 @@ fn change(app: &mut OracleApp, object: usize, respawn: bool, random: &mut Random
 /// Static and moving trees, merged trees and objects that are cut out of them: all of them change, and equal newly built ones.
 #[test]
 fn changes_in_any_order_are_hit_as_they_are() {
+    change_and_judge(17, 8);
+}
+
+#[test]
+#[ignore = "long: many more changes"]
+fn many_changes_in_any_order_are_hit_as_they_are() {
+    change_and_judge(18, 40);
+}
+
+fn change_and_judge(seed: u64, steps: u32) {
     for tracer in [ReflectionTracerChoice::Bvh, ReflectionTracerChoice::RayQuery] {
         let Some(mut app) = OracleApp::new(tracer) else {
             continue;
         };
-        let random = &mut Random(17);
+        let random = &mut Random(seed);
         let scene = Scene::crowd(CROWD, random);
         app.place(&scene);
         judge(&mut app, &scene, random, 0);
         let mut merged_seen = false;
-        for step in 1..=40 {
+        for step in 1..=steps {
             let count = [0, 1, 3, 30, 200][random.below(5)];
             for _ in 0..count {
                 let object = random.below(CROWD);
