@@ -245,7 +245,7 @@ fn cutting_many_objects_out_walks_over_each_a_few_times() {
     let (first, rest) = (0..CROWD as u32 / 3, CROWD as u32 / 3..CROWD as u32);
     first
         .clone()
-        .for_each(|slot| scene.scheduler.observe(slot, at(slot, 9.0)));
+        .for_each(|slot| scene.scheduler.observe(slot, at(slot, -9.0)));
     assert_eq!((scene.merged().len(), scene.trees()), (CROWD * 2 / 3, 1));
     assert_eq!(scene.scheduler.merged().0, CROWD * 2 / 3);
     assert!(
@@ -257,7 +257,7 @@ fn cutting_many_objects_out_walks_over_each_a_few_times() {
             .eq(first.clone())
     );
     assert!(scene.scheduler.take_crossed().into_iter().eq(first));
-    rest.for_each(|slot| scene.scheduler.observe(slot, at(slot, 9.0)));
+    rest.for_each(|slot| scene.scheduler.observe(slot, at(slot, -9.0)));
     assert_eq!((scene.merged().len(), scene.trees()), (0, 0));
     assert!(scene.scheduler.take_cuts().is_empty(), "the tree is gone");
     assert!(
