@@ -40,6 +40,7 @@ const UPLOAD_WORDS_PER_FRAME: usize = 512 << 10;
 const MOST_CUTS: usize = 512;
 /// Maximum number of writes to cut many objects out of a tree in one frame. More writes take longer; fewer dissolve trees for smaller
 /// explosions.
+/// About two milliseconds; not tuned.
 const MOST_CUTS_PER_FRAME: usize = 2048;
 
 /// Frames for which merging waits while micromaps are being built: two seconds. A higher number merges a scene that streams in
