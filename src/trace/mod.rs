@@ -11,6 +11,8 @@
 //! | `shade.wesl`, `hit.wesl` | shading of the hits of `blocks.wesl`, and their format |
 //! | `hit_surface.wesl`, `surface_shader.rs`, `surface_point.wesl` | the surface for shading, and the app's shader that modifies it |
 //! | `rays.wesl` | one ray: from a pixel of the G-buffer to its radiance |
+//! | `miss.wesl` | the light of a ray that hits nothing |
+//! | `light_numbers.wesl` | the random numbers by which hits sample lights |
 //! | `screen.wesl` | reuse of the camera's light instead of shading |
 //! | `march.wesl` | surfaces of the camera's frame on the path of a ray, before its hit |
 //! | `bounce.wesl` | reflections within reflections: rays that continue from a hit |
@@ -66,7 +68,9 @@ impl Plugin for TracePlugin {
         load_shader_library!(app, "fog.wesl");
         load_shader_library!(app, "hit.wesl");
         load_shader_library!(app, "hit_surface.wesl");
+        load_shader_library!(app, "light_numbers.wesl");
         load_shader_library!(app, "lobe.wesl");
+        load_shader_library!(app, "miss.wesl");
         load_shader_library!(app, "noise.wesl");
         load_shader_library!(app, "rays.wesl");
         load_shader_library!(app, "record.wesl");
