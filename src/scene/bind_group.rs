@@ -27,7 +27,8 @@ use super::{
 };
 use crate::{device::ReflectionTracer, settings::WantsReflections, status::ReflectionStatus, vrs::BindGroupContents};
 use bevy::{
-    ecs::{prelude::*, system::SystemParam},
+    ecs::{entity::EntityHashMap, prelude::*, system::SystemParam},
+    math::Vec3,
     render::{
         render_resource::{
             BindGroup, BindGroupEntry, BindGroupLayoutDescriptor, BindingResource, Buffer, BufferDescriptor,
@@ -77,6 +78,10 @@ pub struct SceneBindings {
     /// All back ends in use support two acceleration structures.
     pub(super) may_split: bool,
     defs_version: u32,
+    /// Vector by which the whole world was shifted in this frame.
+    pub(crate) shift: Vec3,
+    /// Places of reflecting cameras in the last frame.
+    pub(super) cameras: EntityHashMap<Vec3>,
     /// Counts changes of the scene.
     pub(crate) version: SceneVersion,
     /// Generations of the resources that the bind group was created from.
@@ -121,6 +126,8 @@ impl FromWorld for SceneBindings {
             acceleration: (tracer == ReflectionTracer::RayQuery).then(|| AccelerationStructures::new(device, queue)),
             may_split: true,
             defs_version: 0,
+            shift: Vec3::ZERO,
+            cameras: EntityHashMap::default(),
             version: SceneVersion::default(),
             generations: [u64::MAX; 8],
         }

@@ -124,6 +124,21 @@ impl StaticMerge {
         self.scheduler.observe_move(slot, world_from_object);
     }
 
+    /// Begins to shift objects. All of them get the same vector.
+    pub fn begin_shift(&mut self) {
+        self.scheduler.begin_shift();
+    }
+
+    /// Records that the object of a slot is shifted.
+    pub fn shift(&mut self, slot: u32, world_from_object: &Affine3A, by: Vec3A) {
+        self.scheduler.shift(slot, world_from_object, by);
+    }
+
+    /// Shifts the trees, and cuts objects out of them that weren't shifted.
+    pub fn finish_shift(&mut self, by: Vec3A) {
+        self.scheduler.finish_shift(by);
+    }
+
     /// Slots that might have joined or left a tree since the last call.
     pub fn take_crossed(&mut self) -> Vec<u32> {
         self.scheduler.take_crossed()
@@ -137,7 +152,7 @@ impl StaticMerge {
     /// The merged trees for the TLAS. They are not opened, since they hardly overlap each other.
     pub fn instances(&self) -> impl Iterator<Item = TlasInstance<'_>> {
         self.scheduler.trees().map(|tree| TlasInstance {
-            world_from_object: Affine3A::IDENTITY,
+            world_from_object: Affine3A::from_translation(tree.offset.into()),
             bounds: tree.bounds,
             instance: 0,
             first_node: tree.first_node,
@@ -307,6 +322,7 @@ impl Upload {
             first_node: self.first_node,
             first_triangle: self.first_node + self.blas.node_count,
             bounds: self.blas.bounds,
+            offset: Vec3A::ZERO,
             groups: self.blas.groups,
         })
     }

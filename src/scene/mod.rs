@@ -52,6 +52,7 @@ pub use bind_group::SceneBindings;
 pub(crate) use change::Change;
 pub(crate) use features::{Features, Fit, Passes};
 pub use materials::ReflectedMaterial;
+pub(crate) use prepare::moves_along;
 pub use reflected_material::ReflectedMaterialPlugin;
 
 use crate::{device::tracing_app, schedule::ReflectionSystems};

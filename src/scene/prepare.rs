@@ -1,7 +1,10 @@
 //! Updates the buffers and structures for shaders from the extracted scene.
 
 mod instances;
+mod shift;
 mod top_level;
+
+pub(crate) use shift::moves_along;
 
 use super::{
     activity::SceneActivity,
@@ -21,7 +24,11 @@ use super::{
     render_layers::SceneLayers,
     textures::TextureTable,
 };
-use crate::{device::ReflectionTracer, settings::WantsReflections, status::ReflectionStatus};
+use crate::{
+    device::ReflectionTracer,
+    settings::{ReflectionView, WantsReflections},
+    status::ReflectionStatus,
+};
 use bevy::{
     asset::{AssetId, UntypedAssetId},
     ecs::{prelude::*, system::SystemParam},
@@ -34,6 +41,7 @@ use bevy::{
         render_resource::{DefaultImageSamplerDescriptor, PipelineCache},
         renderer::{PendingCommandBuffers, RenderDevice, RenderQueue},
         texture::GpuImage,
+        view::ExtractedView,
     },
 };
 
@@ -53,6 +61,7 @@ pub(super) struct Scene<'w, 's> {
     layers: Res<'w, SceneLayers>,
     views: Query<'w, 's, &'static ViewEnvironment>,
     wanted: Query<'w, 's, &'static WantsReflections>,
+    cameras: Query<'w, 's, (Entity, &'static ExtractedView), With<ReflectionView>>,
     /// Materials from the main world.
     assets: ResMut<'w, MaterialAssets>,
     images: Res<'w, RenderAssets<GpuImage>>,
@@ -145,11 +154,20 @@ impl Scene<'_, '_> {
         dirty.extend(poses.switched);
         let slots = instances.slots().len();
         dirty.extend(bindings.instances.reserve(slots, device));
+        let places = self.cameras.iter();
+        let places = places.map(|(camera, view)| (camera, view.world_from_view.translation()));
+        let steps = bindings.steps_of_cameras(places);
+        let shift = bindings.find_shift(&moved, instances, &steps);
+        bindings.shift = shift.unwrap_or_default().into();
+        let moving = match shift {
+            Some(by) => &bindings.shift_all(by, &moved, instances),
+            None => &moved,
+        };
         let change = bindings
-            .move_instances(&moved, instances, &mut dirty)
+            .move_instances(moving, instances, &mut dirty)
             .max(bindings.update_instances(&dirty, instances, &mut self.materials, &surroundings, meshes, queue))
             .max(bindings.update_posed(&poses.posed, instances, meshes));
-        let changed = change > Change::Nothing;
+        let changed = change > Change::Nothing || shift.is_some();
         bindings.instances.settle();
         bindings.instances.truncate(slots);
         bindings.instances.upload(device, queue);

@@ -147,6 +147,15 @@ impl TopLevel {
         }
     }
 
+    /// Records that the object of a slot is shifted with all others: this doesn't make it wait longer to count as static.
+    pub fn shift(&mut self, slot: u32, world_from_object: &Affine3A, object_from_world: &[[f32; 4]; 3]) {
+        let Some(Place { returns, .. }) = self.places.get(slot as usize).copied() else {
+            return;
+        };
+        self.set_transform(slot, world_from_object, object_from_world);
+        self.places[slot as usize].returns = returns;
+    }
+
     /// Removes the object of a slot.
     pub fn remove(&mut self, slot: u32) {
         match self.site(slot) {

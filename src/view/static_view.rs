@@ -69,6 +69,14 @@ impl ViewFingerprint {
     }
 }
 
+impl ViewFingerprint {
+    /// Takes over the camera, which was shifted with the world.
+    pub fn shift(&mut self, frame: &Frame) {
+        self.clip_from_world = frame.clip_from_world;
+        self.world_position = frame.world_position;
+    }
+}
+
 /// Settings without the ones that only affect noise: a budget changes them, but the estimated image stays the same and must converge.
 fn without_effort(settings: ClampedSettings) -> ClampedSettings {
     ClampedSettings {
@@ -93,6 +101,11 @@ impl<T> Default for StaticView<T> {
 }
 
 impl<T: PartialEq> StaticView<T> {
+    /// The value of the last frame.
+    pub fn last_mut(&mut self) -> Option<&mut T> {
+        self.last.as_mut()
+    }
+
     /// Number of consecutive frames before this one with the same value; `None` differs from every value.
     pub fn count(&mut self, now: Option<T>) -> u32 {
         self.frames = if now.is_some() && now == self.last {

@@ -10,7 +10,7 @@ use crate::{
 };
 use bevy::{
     ecs::component::Component,
-    math::UVec2,
+    math::{UVec2, Vec3},
     render::{render_resource::UniformBuffer, renderer::RenderDevice},
 };
 
@@ -81,6 +81,15 @@ impl ReflectionTextures {
         self.targets.sizes.full
     }
 
+    /// Moves the last frame with the world, so that history and static views survive a shift of the origin.
+    fn shift(&mut self, frame: &Frame) {
+        let is_same = self.previous.as_mut().is_some_and(|previous| previous.shift(frame));
+        match self.static_view.last_mut() {
+            Some(last) if is_same => last.shift(frame),
+            _ => self.static_view = StaticView::default(),
+        }
+    }
+
     /// Advances the state by one frame and sets the uniform, which must still be written to the GPU.
     pub(crate) fn begin_frame(&mut self, view: &ReflectionView, frame: &Frame) {
         let converged = view.settings.technique == ReflectionTechnique::Converged;
@@ -88,6 +97,9 @@ impl ReflectionTextures {
         match frame.changes_met {
             Some(met) => self.met[0] = met,
             None => self.met[1] = self.met[1].wrapping_add(u32::from(scene_changed)),
+        }
+        if frame.shift != Vec3::ZERO {
+            self.shift(frame);
         }
         let fingerprint = if converged {
             Some(ViewFingerprint::of_truth(view, frame))

@@ -1,7 +1,7 @@
 //! Settings and state of a view for the shaders, and properties of a view in one frame.
 
 use crate::{
-    scene::environment::ViewEnvironment,
+    scene::{environment::ViewEnvironment, moves_along},
     settings::{ClampedSettings, RateThresholds, ReflectionSampling},
     targets::Sizes,
 };
@@ -149,6 +149,8 @@ pub(crate) struct Frame {
     pub fog: Fog,
     /// Seconds since the start of the app.
     pub seconds: f32,
+    /// Vector by which the whole world was shifted in this frame.
+    pub shift: Vec3,
     /// Counts changes of the scene.
     pub scene: u32,
     /// Counts changes that affect all views.
@@ -204,7 +206,7 @@ impl FrameState {
     }
 }
 
-/// The camera of the last frame.
+/// The camera of the last frame, in the coordinates of this one.
 #[derive(Clone, Copy)]
 pub(super) struct PreviousFrame {
     /// Without jitter.
@@ -213,6 +215,28 @@ pub(super) struct PreviousFrame {
     pub exposure: f32,
     /// Pixels.
     pub size: UVec2,
+}
+
+/// Rounding errors of a shift, relative to the coordinates.
+const SHIFT_TOLERANCE: f32 = 1e-6;
+
+impl PreviousFrame {
+    /// Moves the camera with the world, unless it stayed where it was. Returns whether the view of the world stayed the same.
+    pub fn shift(&mut self, frame: &Frame) -> bool {
+        let (by, stayed) = (frame.shift, self.world_position);
+        if !moves_along(frame.world_position - stayed, by) {
+            return false;
+        }
+        self.world_position += by;
+        self.clip_from_world *= Mat4::from_translation(-by);
+        let size = frame.world_position.abs().max_element().max(stayed.abs().max_element());
+        let is_same_place = self.world_position.distance(frame.world_position) <= SHIFT_TOLERANCE * size;
+        let same = |a: Mat4, b: Mat4| {
+            let most = 8.0 * SHIFT_TOLERANCE * (1.0 + size);
+            (0..4).all(|column| (a.col(column) - b.col(column)).abs().max_element() <= most)
+        };
+        is_same_place && same(self.clip_from_world, frame.clip_from_world)
+    }
 }
 
 impl GpuReflectionView {

@@ -252,6 +252,27 @@ impl InstanceTable {
         Some(self.mark_moving(slot, motion))
     }
 
+    /// Shifts an object with all others, which isn't a motion. Returns false if more than its matrices would change.
+    pub fn shift(&mut self, slot: u32, matrices: &Matrices) -> bool {
+        if !self.can_be_hit(slot) {
+            return false;
+        }
+        let data = &mut self.data[slot as usize];
+        if matrices.mirrored != (data.flags & INSTANCE_MIRRORED != 0) {
+            return false;
+        }
+        data.world_from_object = matrices.world_from_object;
+        data.object_from_world = matrices.object_from_world;
+        self.changed.push(slot);
+        true
+    }
+
+    /// The transform of an object in the buffer, if rays can hit it.
+    pub fn place(&self, slot: u32) -> Option<&[[f32; 4]; 3]> {
+        self.can_be_hit(slot)
+            .then(|| &self.data[slot as usize].world_from_object)
+    }
+
     /// Marks the object as deforming in this frame; the motion of its points is unknown.
     pub fn mark_posed(&mut self, slot: u32) -> Change {
         self.mark_moving(slot, [UNKNOWN_MOTION, 0])

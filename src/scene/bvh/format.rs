@@ -15,7 +15,7 @@ use bevy::math::Vec3A;
 /// - A mask, for the alpha test: UV coordinates of the vertices, the triangle's index in the mesh, the alpha of the vertices in
 ///   three bytes, and in the third row a [`Micromap`](super::opacity::Micromap).
 /// - An entry of a TLAS, with [`ENTRY`] in the third word of its third row: [`owner`], first node, and the base indices of the
-///   BLAS's nodes and triangles; then the index of the inverse matrix, relative to the TLAS.
+///   BLAS's nodes and triangles; then the index of the inverse matrix, relative to the TLAS, or 0 if rays need none.
 /// - The rows of an inverse matrix.
 pub type Item = [[u32; 4]; 3];
 
@@ -39,6 +39,16 @@ const OWNED: u32 = 32;
 /// Packs an instance (below [`MAX_INSTANCES`]) and its `INSTANCE_` flags into one word, which is never 0.
 pub const fn owner(instance: u32, flags: u32) -> u32 {
     (instance << OWNER_SHIFT) | OWNED | (flags & TRAVERSAL_FLAGS)
+}
+
+/// Index of an entry's inverse matrix, as the entry stores it: a merged tree that wasn't shifted needs none.
+pub(super) fn matrix_of(owner: u32, object_from_world: &[[f32; 4]; 3], index: u32) -> u32 {
+    const IDENTITY: [[f32; 4]; 3] = [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]];
+    if owner == 0 && *object_from_world == IDENTITY {
+        0
+    } else {
+        index
+    }
 }
 
 /// An axis-aligned box.

@@ -4,7 +4,7 @@
 //! The tree is somewhat worse than one built by clustering, and takes a fraction of the time.
 
 use super::{
-    format::{Bounds, ENTRY, Item},
+    format::{Bounds, ENTRY, Item, matrix_of},
     node::{self, Node, WIDTH},
     stack::{IN_TLAS, stack_size},
     tlas::{Tlas, TlasInstance, inverse_rows, world_bounds},
@@ -375,9 +375,10 @@ impl LinearBuilder {
                 } else {
                     let entry = (child & !LEAF) as usize;
                     if entry >= known {
-                        let matrix = base + (matrices + entry) as u32;
-                        items[wide.first_child as usize + slot] =
-                            [entries.words[entry], [matrix, 0, 0, 0], [0, 0, ENTRY, 0]];
+                        let words = entries.words[entry];
+                        let rows = bytemuck::cast_ref(&entries.matrices[entry]);
+                        let matrix = matrix_of(words[0], rows, base + (matrices + entry) as u32);
+                        items[wide.first_child as usize + slot] = [words, [matrix, 0, 0, 0], [0, 0, ENTRY, 0]];
                     }
                     entries.bounds[entry]
                 });

@@ -2,7 +2,7 @@
 
 use super::{
     blas::{BvhQuality, TopNode, build_tree},
-    format::{Bounds, ENTRY, Item, ONE_ENTRY, are_corners, half_area},
+    format::{Bounds, ENTRY, Item, ONE_ENTRY, are_corners, half_area, matrix_of},
     node::{self, Child, Node, WIDTH},
     stack::{IN_TLAS, JOINT_GROUPS, stack_size},
 };
@@ -22,7 +22,7 @@ pub struct TlasInstance<'a> {
     pub world_from_object: Affine3A,
     /// Bounds of the mesh in object space.
     pub bounds: Bounds,
-    /// [`super::owner`] of the triangles; 0 for a merged tree, which is in world space and stores an owner per triangle.
+    /// [`super::owner`] of the triangles; 0 for a merged tree, which stores an owner per triangle.
     pub instance: u32,
     /// The BLAS's first node in the buffer.
     pub first_node: u32,
@@ -100,7 +100,9 @@ impl Tlas {
 /// Adds `base` to the indices of a node or an entry.
 fn relocate(item: &mut Item, base: u32) {
     if item[2][2] >= ENTRY {
-        item[1][0] += base;
+        if item[1][0] > 0 {
+            item[1][0] += base;
+        }
     } else {
         // The number of children is in the upper bits.
         item[2][2] += base;
@@ -223,9 +225,14 @@ pub fn build_tlas_of(quality: BvhQuality, instances: &[TlasInstance], max_entrie
                 Child::Inner(child) => places[child as usize] = place,
                 Child::Leaf(primitive, _) => {
                     let entry = &entries[tree.primitives[primitive as usize] as usize];
-                    let Kept { instance, index, .. } = kept[entry.kept as usize];
-                    entry_places.push((index, place as u32));
-                    items[place] = entry_item(entry, instance, matrices as u32 + entry.kept);
+                    let Kept {
+                        instance,
+                        index,
+                        object_from_world,
+                    } = &kept[entry.kept as usize];
+                    let matrix = matrix_of(instance.instance, object_from_world, matrices as u32 + entry.kept);
+                    entry_places.push((*index, place as u32));
+                    items[place] = entry_item(entry, instance, matrix);
                 }
             }
         }
@@ -248,7 +255,7 @@ pub fn build_tlas_of(quality: BvhQuality, instances: &[TlasInstance], max_entrie
     }
 }
 
-/// An entry in the layout of the traversal. `matrix` is the index of its instance's matrix.
+/// An entry in the layout of the traversal. `matrix` is the index of its instance's matrix, or 0.
 fn entry_item(entry: &Entry, instance: &TlasInstance, matrix: u32) -> Item {
     let start = instance.top.get(entry.top as usize).map_or(0, |top| top.node);
     [

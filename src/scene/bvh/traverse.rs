@@ -138,7 +138,7 @@ fn traverse(scene: &SceneView, ray: &TraceRay, any: bool, counters: &mut Counter
             // Triangles of a merged tree have their own shadow flag.
             if !any || entry[0] == 0 || entry[0] & INSTANCE_CASTS_SHADOW != 0 {
                 counters.entries += 1;
-                if entry[0] != 0 {
+                if item[1][0] != 0 {
                     let matrix = scene.bvh[(root + item[1][0]) as usize];
                     let rows = matrix.map(|row| Vec4::from_array(row.map(f32::from_bits)));
                     local = LocalRay::new(

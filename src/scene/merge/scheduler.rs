@@ -1,7 +1,7 @@
 //! Decides which objects are static, and which of them share a merged tree.
 //!
 //! - An object that hasn't changed for some frames is at rest. Each time that it changes again after that, it has to wait longer before it
-//!   counts as resting. An object that moves now and then therefore soon stays an instance for good.
+//!   counts as resting, unless it rested for long. An object that keeps moving soon stays an instance.
 //! - Once no object started or stopped moving for some frames, resting objects are built into chunks, one chunk at a time. New chunks
 //!   absorb small ones: a scene of ordinary size ends up as a single chunk, and in a large one, a few new objects cause only a
 //!   proportional amount of work.
@@ -9,6 +9,7 @@
 //!   other objects are instances until they are merged again.
 
 mod plan;
+mod shift;
 
 use crate::scene::{bvh::Bounds, free_slots::shrink, waiting_room::WaitingRoom};
 use bevy::{
@@ -22,6 +23,9 @@ use std::collections::{BTreeMap, BTreeSet, BinaryHeap};
 
 /// Maximum number of doublings of waiting times.
 const MAX_DOUBLINGS: u32 = 14;
+/// Rest that makes up for a disturbance, in multiples of the wait that it causes. With a lower value, objects that move regularly are merged
+/// again and again; with a higher one, they stay instances for longer.
+const PARDON: u64 = 4;
 /// Maximum number of disturbances that a new object inherits from its slot: objects that come and go often are merged late, and a level
 /// that replaces another one is merged after some seconds.
 const INHERITED_DISTURBANCES: u32 = 2;
@@ -82,8 +86,10 @@ pub(super) struct Tree {
     pub first_node: u32,
     /// The first triangle in the buffer.
     pub first_triangle: u32,
-    /// World space.
+    /// World space, as of the build.
     pub bounds: Bounds,
+    /// Vector by which all its objects were shifted since the build.
+    pub offset: Vec3A,
     /// [`Blas::groups`](crate::scene::bvh::Blas::groups).
     pub groups: u32,
 }
@@ -118,6 +124,24 @@ struct Slot {
     disturbances: u32,
     /// The last object in this slot.
     entity: Option<Entity>,
+    /// Number of the last shift that moved it.
+    shift: u64,
+}
+
+impl Slot {
+    /// Counts a disturbance at rest. Rest makes up for earlier ones, so that a door that opens now and then doesn't stay an instance.
+    fn note_disturbance(&mut self, frame: u64, quiet_frames: u64) {
+        let mut rest = frame.saturating_sub(self.due);
+        while self.disturbances > 0 {
+            let price = PARDON * waiting_time(quiet_frames, self.disturbances);
+            if rest < price {
+                break;
+            }
+            rest -= price;
+            self.disturbances -= 1;
+        }
+        self.disturbances += 1;
+    }
 }
 
 struct Chunk {
@@ -137,6 +161,8 @@ struct Building {
     members: Vec<u32>,
     absorbed: Vec<u32>,
     triangles: u64,
+    /// Vector by which all members were shifted since the plan.
+    offset: Vec3A,
     /// A member changed.
     stale: bool,
 }
@@ -172,6 +198,10 @@ pub(super) struct MergeScheduler {
     crossed: Vec<u32>,
     /// Names of trees, and slots to be cut out of them.
     cuts: Vec<(u64, u32)>,
+    /// Number of shifts.
+    shifts: u64,
+    /// Frame of the last one, until the trees that it moved are planned again.
+    shifted: Option<u64>,
     /// Number of members of chunks that were looked at since the start.
     #[cfg(test)]
     visited: usize,
@@ -207,6 +237,8 @@ impl MergeScheduler {
             released: Vec::new(),
             crossed: Vec::new(),
             cuts: Vec::new(),
+            shifts: 0,
+            shifted: None,
             #[cfg(test)]
             visited: 0,
         }
@@ -222,10 +254,15 @@ impl MergeScheduler {
             self.slots.resize_with(index + 1, Slot::default);
             self.moved.resize(index + 1, 0);
         }
-        let before = self.slots[index].placement;
-        if before == placement {
-            return;
+        if self.slots[index].placement != placement {
+            self.disturb(slot, placement);
         }
+    }
+
+    /// The object of a slot has changed.
+    fn disturb(&mut self, slot: u32, placement: Option<Placement>) {
+        let index = slot as usize;
+        let before = self.slots[index].placement;
         let state = self.slots[index].state;
         if let State::Merged(chunk) = state
             && (gains_micromaps(before, placement) || !self.cut_out(slot, chunk))
@@ -243,7 +280,7 @@ impl MergeScheduler {
         }
         let (frame, quiet) = (self.frame, self.limits.quiet_frames);
         if matches!(state, State::Merged(_) | State::Resting) {
-            self.slots[index].disturbances += 1;
+            self.slots[index].note_disturbance(frame, quiet);
             self.resting.remove(&slot);
             self.wake();
         }
@@ -368,13 +405,14 @@ impl MergeScheduler {
     }
 
     /// Call when the planned tree has been uploaded. If it became stale meanwhile, its allocation is released.
-    pub fn finish(&mut self, tree: Tree) {
+    pub fn finish(&mut self, mut tree: Tree) {
         if self.is_stale() || self.building.is_none() {
             self.released.push(tree.name);
             self.abandon();
             return;
         }
         let Some(building) = self.building.take() else { return };
+        tree.offset = building.offset;
         for id in building.absorbed {
             if let Some(chunk) = self.chunks.remove(&id) {
                 self.released.push(chunk.tree.name);
@@ -412,6 +450,7 @@ impl MergeScheduler {
                 self.resting.remove(&slot);
             }
         }
+        self.shifted = None;
         self.stay_awake();
     }
 
@@ -485,6 +524,7 @@ impl MergeScheduler {
         };
         !self.is_exhausted()
             && (self.building.is_some()
+                || self.shifted.is_some()
                 || (self.awake && !self.resting.is_empty())
                 || self.settling.iter().any(|Reverse((_, slot))| still(*slot)))
     }
@@ -604,7 +644,7 @@ pub(super) fn gains_micromaps(before: Option<Placement>, after: Option<Placement
         micromaps: 0,
         ..placement
     };
-    before.micromaps == 0 && without(before) == without(after)
+    before.micromaps == 0 && after.micromaps != 0 && without(before) == without(after)
 }
 
 /// Number of frames without a change until an object is at rest. Objects that changed again after they had been at rest wait much longer.

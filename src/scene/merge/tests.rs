@@ -43,6 +43,7 @@ fn tree(name: u64) -> Tree {
         first_node: 0,
         first_triangle: 5,
         bounds: Bounds::EMPTY,
+        offset: Vec3A::ZERO,
         groups: 0,
     }
 }
@@ -377,6 +378,16 @@ fn restless_objects_wait_longer_each_time() {
     assert_eq!(scene.merged(), [0, 2]);
 }
 
+#[test]
+fn long_rest_makes_up_for_disturbances() {
+    let mut scene = Scene::new(&[10, 20, 30]);
+    for step in 0..50 {
+        scene.run(50 * QUIET);
+        assert_eq!(scene.merged(), [0, 1, 2], "{step}");
+        scene.scheduler.observe(1, at(1, 10.0 + step as f32));
+    }
+}
+
 /// A steady trickle of objects delays others only for a while, and causes few builds.
 #[test]
 fn a_trickle_of_objects_is_merged_in_lots() {
@@ -503,4 +514,75 @@ fn micromaps_are_no_disturbance() {
         None,
         "it changed, and has to rest for longer"
     );
+}
+
+const SHIFT: Vec3A = Vec3A::new(-64.0, 0.0, 32.0);
+
+/// Shifts objects that are at x = 0, 1, 2 ... before the first of `rounds` shifts.
+fn shift(scene: &mut Scene, slots: impl IntoIterator<Item = u32>, rounds: f32) {
+    scene.scheduler.begin_shift();
+    for slot in slots {
+        let now = Vec3A::X * slot as f32 + rounds * SHIFT;
+        scene
+            .scheduler
+            .shift(slot, &Affine3A::from_translation(now.into()), SHIFT);
+    }
+    scene.scheduler.finish_shift(SHIFT);
+}
+
+fn offsets(scene: &Scene) -> Vec<Vec3A> {
+    scene.scheduler.trees().map(|tree| tree.offset).collect()
+}
+
+#[test]
+fn shifts_of_the_world_disturb_nothing() {
+    let mut scene = Scene::new(&[300; 6]);
+    scene.run(4 * QUIET);
+    for round in 1..11 {
+        scene.scheduler.take_changed();
+        scene.scheduler.take_crossed();
+        shift(&mut scene, 0..6, round as f32);
+        assert_eq!(offsets(&scene), [SHIFT; 2]);
+        assert!(scene.scheduler.take_changed() && scene.scheduler.is_pending());
+        assert!(scene.scheduler.take_crossed().is_empty() && scene.scheduler.take_cuts().is_empty());
+        for _ in 0..4 * QUIET {
+            scene.run(1);
+            assert_eq!(scene.merged().len(), 6);
+        }
+        assert_eq!(offsets(&scene), [Vec3A::ZERO; 2], "built again at their present places");
+        assert!(!scene.scheduler.is_pending());
+    }
+    // Trees of a world that moves all the time aren't built again.
+    let plans = scene.plans;
+    for round in 11..11 + 2 * QUIET {
+        shift(&mut scene, 0..6, round as f32);
+        scene.run(1);
+    }
+    assert_eq!((scene.plans, scene.merged().len()), (plans, 6));
+}
+
+#[test]
+fn objects_that_are_not_shifted_are_cut_out() {
+    let mut scene = Scene::new(&[300; 6]);
+    scene.run(4 * QUIET);
+    scene.scheduler.take_crossed();
+    shift(&mut scene, 0..5, 1.0);
+    assert_eq!(scene.merged(), [0, 1, 2, 3, 4]);
+    assert_eq!(scene.scheduler.take_cuts(), [(1, 5)]);
+    assert_eq!(scene.scheduler.take_crossed(), [5]);
+}
+
+#[test]
+fn a_shift_during_a_build_moves_its_tree() {
+    let mut scene = Scene::new(&[300; 3]);
+    while scene.plan().is_none() {}
+    shift(&mut scene, 0..3, 1.0);
+    assert!(!scene.scheduler.is_stale());
+    scene.finish();
+    assert_eq!((scene.merged().len(), offsets(&scene)), (3, vec![SHIFT]));
+    // Without one of its objects, it is stale.
+    let mut scene = Scene::new(&[300; 3]);
+    while scene.plan().is_none() {}
+    shift(&mut scene, [0, 2], 1.0);
+    assert!(scene.scheduler.is_stale());
 }

@@ -63,8 +63,8 @@ pub struct Packed {
     tlas_root: u32,
     /// Index of each instance's masks in [`Self::bvh`].
     pub masks: Vec<u32>,
-    /// `true` for instances that are part of a merged tree.
-    merged: Vec<bool>,
+    /// For instances that are part of a merged tree, the vector by which it was shifted since it was built.
+    shifts: Vec<Option<Vec3>>,
     /// The triangles that the oracle searches.
     triangles: Vec<Target>,
 }
@@ -74,7 +74,7 @@ struct Target {
     instance: u32,
     primitive: u32,
     world: [DVec3; 3],
-    /// In the tracer's space: the world for merged instances, otherwise the object.
+    /// In the tracer's space: the world as of the build for merged instances, otherwise the object.
     local: [DVec3; 3],
 }
 
@@ -109,6 +109,15 @@ impl Buffer {
     }
 }
 
+/// The vector by which a merged tree was shifted since it was built: none for the first and every second one after it.
+fn shift_of(tree: u32) -> Vec3 {
+    if tree.is_multiple_of(2) {
+        Vec3::ZERO
+    } else {
+        Vec3::new(2.0, -0.5, 1.0)
+    }
+}
+
 /// A tree in the TLAS. `instance` is 0 for merged trees.
 fn record(base: u32, blas: &Blas, world_from_object: Affine3A, instance: u32) -> TlasInstance<'_> {
     TlasInstance {
@@ -123,7 +132,7 @@ fn record(base: u32, blas: &Blas, world_from_object: Affine3A, instance: u32) ->
 }
 
 /// All triangles, for the oracle.
-fn targets(meshes: &[Mesh], instances: &[(usize, Affine3A)], merged: &[bool]) -> Vec<Target> {
+fn targets(meshes: &[Mesh], instances: &[(usize, Affine3A)], shifts: &[Option<Vec3>]) -> Vec<Target> {
     let mut triangles = Vec::new();
     for (instance, (mesh, matrix)) in instances.iter().enumerate() {
         let (linear, translation) = (matrix.matrix3.as_dmat3(), matrix.translation.as_dvec3());
@@ -134,7 +143,10 @@ fn targets(meshes: &[Mesh], instances: &[(usize, Affine3A)], merged: &[bool]) ->
                 instance: instance as u32,
                 primitive: primitive as u32,
                 world,
-                local: if merged[instance] { world } else { object },
+                local: match shifts[instance] {
+                    Some(by) => world.map(|corner| corner - by.as_dvec3()),
+                    None => object,
+                },
             });
         }
     }
@@ -170,7 +182,7 @@ impl Packed {
                 sources.entry(tree).or_default().push(MergeSource {
                     positions: &meshes[*mesh].positions,
                     indices: &meshes[*mesh].indices,
-                    world_from_object: *matrix,
+                    world_from_object: Affine3A::from_translation(-shift_of(tree)) * *matrix,
                     instance: i as u32,
                     flags: flags[i],
                     masks: masks[*mesh],
@@ -179,9 +191,9 @@ impl Packed {
                 });
             }
         }
-        let merged_trees: Vec<(u32, Blas)> = sources
-            .into_values()
-            .filter_map(|sources| bvh.add_tree(build_merged(&sources, BvhQuality::High)))
+        let merged_trees: Vec<(u32, (u32, Blas))> = sources
+            .into_iter()
+            .filter_map(|(tree, sources)| Some((tree, bvh.add_tree(build_merged(&sources, BvhQuality::High))?)))
             .collect();
 
         let singles = instances.iter().zip(&packings).enumerate();
@@ -194,13 +206,13 @@ impl Packed {
                 });
         let in_world = merged_trees
             .iter()
-            .map(|(base, blas)| record(*base, blas, Affine3A::IDENTITY, 0));
+            .map(|(tree, (base, blas))| record(*base, blas, Affine3A::from_translation(shift_of(*tree)), 0));
         let records: Vec<TlasInstance> = singles.chain(in_world).collect();
         let tlas = build_tlas(&records, max_entries);
         let tlas_root = bvh.add(&tlas.items);
-        let merged: Vec<bool> = packings.iter().map(|packing| packing.tree.is_some()).collect();
+        let shifts: Vec<_> = packings.iter().map(|packing| packing.tree.map(shift_of)).collect();
         Self {
-            triangles: targets(&meshes, &instances, &merged),
+            triangles: targets(&meshes, &instances, &shifts),
             masks: instances.iter().map(|(mesh, _)| masks[*mesh]).collect(),
             stack_size: tlas.stack.max(1),
             bvh: bvh.0,
@@ -209,7 +221,7 @@ impl Packed {
             flags,
             tlas,
             tlas_root,
-            merged,
+            shifts,
         }
     }
 
@@ -290,8 +302,8 @@ impl Packed {
         let rays: Vec<Option<LocalRay>> = self
             .instances
             .iter()
-            .zip(&self.merged)
-            .map(|((_, matrix), merged)| LocalRay::new(ray, if *merged { &Affine3A::IDENTITY } else { matrix }))
+            .zip(&self.shifts)
+            .map(|((_, matrix), shift)| LocalRay::new(ray, &shift.map_or(*matrix, Affine3A::from_translation)))
             .collect();
         let mut result = Oracle {
             t: f64::INFINITY,
@@ -314,7 +326,7 @@ impl Packed {
             {
                 let (front, back) = (counts(flags, true), counts(flags, false));
                 // In the space of a mirrored object the winding is turned.
-                let turned = flags & INSTANCE_MIRRORED != 0 && !self.merged[*instance as usize];
+                let turned = flags & INSTANCE_MIRRORED != 0 && self.shifts[*instance as usize].is_none();
                 let seen = if (found.cosine < 0.0) != turned { front } else { back };
                 // Single precision can return either face of a triangle seen on edge.
                 let doubtful = found.cosine.abs() < found.tilt && front != back;

@@ -14,8 +14,11 @@ impl MergeScheduler {
     pub fn plan(&mut self) -> Option<Vec<(u32, Placement)>> {
         let quiet = self.limits.quiet_frames;
         let calm = self.frame >= self.disturbed + quiet || self.frame >= self.awake_since + PATIENCE * quiet;
-        if self.building.is_some() || !self.awake || self.is_exhausted() || !calm {
+        if self.building.is_some() || self.is_exhausted() || !calm {
             return None;
+        }
+        if !self.awake {
+            return self.plan_again();
         }
         self.awake = false;
         let mut group = self.affordable();
@@ -23,7 +26,7 @@ impl MergeScheduler {
             self.halve(&mut group);
         }
         if group.is_empty() {
-            return None;
+            return self.plan_again();
         }
         let mut triangles = self.triangles(&group);
         let mut sizes: Vec<(u64, u32)> = self.chunks.iter().map(|(id, chunk)| (chunk.triangles, *id)).collect();
@@ -37,16 +40,42 @@ impl MergeScheduler {
             }
             triangles += size;
             absorbed.push(id);
-            if let Some(chunk) = self.chunks.get(&id) {
-                let state_of = |slot: u32| self.slots.get(slot as usize).map(|place| place.state);
-                let members = chunk.members.iter().copied();
-                group.extend(members.filter(|slot| state_of(*slot) == Some(State::Merged(id))));
-            }
+            group.extend(self.members(id));
         }
+        Some(self.begin(group, absorbed, triangles))
+    }
+
+    /// Returns the objects of a tree that was shifted, once nothing was shifted for some frames: its corners have the precision of their
+    /// distance from the former origin.
+    fn plan_again(&mut self) -> Option<Vec<(u32, Placement)>> {
+        if self.frame < self.shifted? + self.limits.quiet_frames {
+            return None;
+        }
+        let Some((id, chunk)) = self.chunks.iter().find(|(_, chunk)| chunk.tree.offset != Vec3A::ZERO) else {
+            self.shifted = None;
+            return None;
+        };
+        let (id, triangles) = (*id, chunk.triangles - chunk.cut);
+        let group: Vec<u32> = self.members(id).collect();
+        Some(self.begin(group, vec![id], triangles))
+    }
+
+    /// Objects that are still in a chunk.
+    fn members(&self, id: u32) -> impl Iterator<Item = u32> + '_ {
+        let members = self.chunks.get(&id).into_iter().flat_map(|chunk| &chunk.members);
+        let is_in = move |slot: &u32| {
+            let place = self.slots.get(*slot as usize);
+            place.is_some_and(|place| place.state == State::Merged(id))
+        };
+        members.copied().filter(is_in)
+    }
+
+    /// Begins to build a tree.
+    fn begin(&mut self, group: Vec<u32>, absorbed: Vec<u32>, triangles: u64) -> Vec<(u32, Placement)> {
         for slot in &group {
             self.slots[*slot as usize].building = true;
         }
-        let plan = group
+        let plan: Vec<_> = group
             .iter()
             .filter_map(|slot| Some((*slot, self.slots[*slot as usize].placement?)))
             .collect();
@@ -54,9 +83,10 @@ impl MergeScheduler {
             members: group,
             absorbed,
             triangles,
+            offset: Vec3A::ZERO,
             stale: false,
         });
-        Some(plan)
+        plan
     }
 
     fn triangles(&self, slots: &[u32]) -> u64 {

@@ -1,0 +1,127 @@
+//! Recognises shifts of the whole world by one vector, such as those of a floating origin.
+
+use crate::{
+    device::ReflectionTracer,
+    scene::{
+        bind_group::{Matrices, SceneBindings},
+        instances::SceneInstances,
+    },
+};
+use bevy::{
+    ecs::entity::{Entity, EntityHashMap},
+    math::{Affine3A, Vec3, Vec3A},
+};
+
+/// Objects that don't take part, such as a sky dome, as a fraction of all: more of them, and the rest are just objects that move together.
+const OTHERS: usize = 10;
+/// Objects that suggest a vector. Others move on their own in the same frame.
+const SAMPLES: usize = 5;
+/// Rounding errors of two sums, relative to the coordinates.
+const TOLERANCE: f32 = 4.0 * f32::EPSILON;
+
+/// Returns whether a camera that moves by `step` moves with the world: it can also walk in the same frame.
+pub(crate) fn moves_along(step: Vec3, world: Vec3) -> bool {
+    step.distance_squared(world) < step.length_squared()
+}
+
+/// Returns the translation from one place to another; `None` if anything else differs.
+fn step(before: &[[f32; 4]; 3], now: &Affine3A) -> Option<Vec3A> {
+    let now_rows = now.matrix3.transpose();
+    let same = [now_rows.x_axis, now_rows.y_axis, now_rows.z_axis]
+        .iter()
+        .zip(before)
+        .all(|(now, before)| now.to_array() == before[..3]);
+    same.then(|| now.translation - translation(before))
+}
+
+fn translation(rows: &[[f32; 4]; 3]) -> Vec3A {
+    Vec3A::from_array(rows.map(|row| row[3]))
+}
+
+/// Returns whether an object moved by this vector, apart from rounding.
+fn is_shifted(before: &[[f32; 4]; 3], now: &Affine3A, by: Vec3A) -> bool {
+    let most = TOLERANCE * (translation(before).abs() + now.translation.abs() + by.abs());
+    step(before, now).is_some_and(|step| (step - by).abs().cmple(most).all())
+}
+
+impl SceneBindings {
+    /// Returns the steps of cameras since the last frame.
+    pub(super) fn steps_of_cameras(&mut self, places: impl Iterator<Item = (Entity, Vec3)>) -> Vec<Vec3> {
+        let now: EntityHashMap<Vec3> = places.collect();
+        let step = |(camera, now): (&Entity, &Vec3)| Some(*now - *self.cameras.get(camera)?);
+        let steps = now.iter().filter_map(step).collect();
+        self.cameras = now;
+        steps
+    }
+
+    /// The vector by which nearly all objects and a camera moved in this frame. Objects that pass a camera just move.
+    pub(super) fn find_shift(&self, moved: &[u32], instances: &SceneInstances, cameras: &[Vec3]) -> Option<Vec3A> {
+        let enough = |count: usize| count > 1 && OTHERS * count >= (OTHERS - 1) * self.instances.present_count();
+        if !enough(moved.len()) {
+            return None;
+        }
+        let places = |slot: u32| Some((self.instances.place(slot)?, &instances.get(slot)?.world_from_object));
+        let samples = moved.iter().step_by((moved.len() / SAMPLES).max(1)).take(SAMPLES);
+        let mut candidates = samples.filter_map(|slot| places(*slot).and_then(|(before, now)| step(before, now)));
+        candidates.find(|by| {
+            let shifted = moved
+                .iter()
+                .filter(|slot| places(**slot).is_some_and(|(before, now)| is_shifted(before, now, *by)));
+            let is_along = |step: &Vec3| moves_along(*step, Vec3::from(*by));
+            cameras.iter().any(is_along) && enough(shifted.count())
+        })
+    }
+
+    /// Shifts all objects that moved by this vector. Returns the slots of the others.
+    pub(super) fn shift_all(&mut self, by: Vec3A, moved: &[u32], instances: &SceneInstances) -> Vec<u32> {
+        let is_bvh = self.tracer == ReflectionTracer::Bvh;
+        self.merge.begin_shift();
+        let others = moved.iter().copied().filter(|&slot| {
+            let now = instances.get(slot).map(|source| source.world_from_object);
+            let shifted = now.filter(|now| {
+                let before = self.instances.place(slot);
+                before.is_some_and(|before| is_shifted(before, now, by))
+            });
+            let matrices = shifted.as_ref().and_then(Matrices::of);
+            let (Some(now), Some(matrices)) = (shifted, matrices) else {
+                return true;
+            };
+            let fits = self.instances.shift(slot, &matrices);
+            if fits && is_bvh {
+                self.merge.shift(slot, &now, by);
+                self.top_level.shift(slot, &now, &matrices.object_from_world);
+            }
+            !fits
+        });
+        let others = others.collect();
+        self.merge.finish_shift(by);
+        others
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::acceleration::rows;
+    use bevy::math::Vec3;
+
+    #[test]
+    fn a_shift_is_a_translation_apart_from_rounding() {
+        let at = |x: f32| {
+            Affine3A::from_scale_rotation_translation(
+                Vec3::new(1.0, -2.0, 3.0),
+                bevy::math::Quat::from_rotation_y(0.3),
+                Vec3::new(x, 0.1, -7.3),
+            )
+        };
+        let by = Vec3A::new(-4096.0, 0.0, 0.0);
+        for x in [0.1, 4096.3, 5000.7, -9.0e5] {
+            let before = bytemuck::cast(rows(&at(x)));
+            assert!(is_shifted(&before, &at(x - 4096.0), by), "{x}");
+            assert!(!is_shifted(&before, &at(x - 4095.0), by), "{x}");
+            let mut turned = at(x - 4096.0);
+            turned.matrix3.x_axis.x += 1e-6;
+            assert!(!is_shifted(&before, &turned, by), "{x}");
+        }
+    }
+}
