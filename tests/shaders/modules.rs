@@ -1,6 +1,6 @@
 //! Shader modules link and validate in every combination of definitions, and their structs match the CPU's.
 
-use std::mem::offset_of;
+use std::{mem::offset_of, sync::Arc};
 
 use crate::wesl::Shaders;
 use bevy_glint::internals::{atmosphere::GpuAir, environment::GpuEnvironment, fog_volumes::GpuFogVolume, gpu_types::*};
@@ -388,7 +388,7 @@ macro_rules! same_layout {
 }
 
 /// A module with all of [`STRUCTS`].
-fn structs() -> naga::Module {
+fn structs() -> Arc<naga::Module> {
     let mut shaders = Shaders::load();
     shaders.add("bevy_glint/layouts.wesl", STRUCTS.into());
     shaders

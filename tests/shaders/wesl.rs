@@ -1,6 +1,6 @@
 //! Flattens our shader modules without a GPU, as Bevy does at run time, and validates the result with naga.
 use std::{
-    collections::BTreeMap,
+    collections::{BTreeMap, BTreeSet},
     fs,
     path::{Path, PathBuf},
     sync::Arc,
@@ -30,8 +30,41 @@ const APP_SURFACE: &str = "
 pub struct Shaders {
     cache: ShaderCache<String, ()>,
     ids: BTreeMap<String, AssetId<Shader>>,
+    /// By module.
+    mentions: BTreeMap<String, Mentions>,
     /// By source.
-    validated: BTreeMap<String, Arc<naga::Module>>,
+    validated: BTreeMap<String, Result<Arc<naga::Module>, String>>,
+}
+
+/// Names in a module that decide which definitions change it.
+#[derive(Default)]
+struct Mentions {
+    /// Words in its conditions.
+    definitions: BTreeSet<String>,
+    /// Paths of modules or of their items, in use or not.
+    paths: BTreeSet<Vec<String>>,
+}
+
+impl Mentions {
+    fn of(package: &str, source: &str) -> Self {
+        let conditions = source.split("@if(").skip(1).chain(source.split("@elif(").skip(1));
+        let definitions = conditions.flat_map(|rest| words(rest.split(')').next().unwrap_or_default()));
+        let paths = words(source).filter(|word| word.contains("::")).map(|path| {
+            let segments = path.split("::").filter(|segment| !segment.is_empty());
+            let named = segments.map(|segment| if segment == "package" { package } else { segment });
+            named.map(str::to_owned).collect()
+        });
+        Self {
+            definitions: definitions.map(str::to_owned).collect(),
+            paths: paths.collect(),
+        }
+    }
+}
+
+/// Identifiers and paths.
+fn words(text: &str) -> impl Iterator<Item = &str> {
+    text.split(|c: char| !c.is_alphanumeric() && c != '_' && c != ':')
+        .filter(|word| !word.is_empty())
 }
 
 impl Shaders {
@@ -44,6 +77,7 @@ impl Shaders {
                 ShaderCacheSource::SpirV(_) => unreachable!("only WESL modules are loaded"),
             }),
             ids: BTreeMap::new(),
+            mentions: BTreeMap::new(),
             validated: BTreeMap::new(),
         };
         shaders.add_folder("bevy_glint", &root.join("src"));
@@ -76,6 +110,8 @@ impl Shaders {
             uuid: Uuid::from_u128(self.ids.len() as u128 + 1),
         };
         let id = *self.ids.entry(name.to_string()).or_insert(next);
+        let package = name.split('/').next().unwrap_or_default();
+        self.mentions.insert(name.to_owned(), Mentions::of(package, &source));
         self.cache
             .set_shader(id, Shader::from_wesl(source, format!("embedded://{name}")));
     }
@@ -93,7 +129,11 @@ impl Shaders {
     pub fn flatten(&mut self, name: &str, defs: &[ShaderDefVal]) -> Result<String, String> {
         let id = *self.ids.get(name).ok_or_else(|| format!("no module {name}"))?;
         // As the pipeline cache of a device with storage buffers adds them.
-        let mut defs = defs.to_vec();
+        // Linking costs more than anything else here, and the cache knows sources by their definitions.
+        let known = self.definitions(name);
+        let is_known = |def: &&ShaderDefVal| !matches!(def, ShaderDefVal::Bool(name, _) if !known.contains(&**name));
+        let mut defs: Vec<_> = defs.iter().filter(is_known).cloned().collect();
+        defs.sort_by_cached_key(|def| format!("{def:?}"));
         defs.push(ShaderDefVal::UInt("AVAILABLE_STORAGE_BUFFER_BINDINGS".into(), 8));
         defs.push("AVAILABLE_STORAGE_BUFFER_BINDINGS__GE_3".into());
         defs.push("AVAILABLE_STORAGE_BUFFER_BINDINGS__GE_6".into());
@@ -103,19 +143,43 @@ impl Shaders {
             .map_err(|error| format!("{name}: {error}"))
     }
 
-    /// Flattens and validates a module, which must compile. Passes that run many times are parsed once.
+    /// Definitions with an effect on a module or on what it imports.
+    fn definitions(&self, name: &str) -> BTreeSet<&str> {
+        let mut found = BTreeSet::new();
+        let mut seen = BTreeSet::from([name.to_owned()]);
+        let mut open = vec![name.to_owned()];
+        while let Some(mentions) = open.pop().and_then(|name| self.mentions.get(&name)) {
+            found.extend(mentions.definitions.iter().map(String::as_str));
+            let modules = mentions.paths.iter().flat_map(|path| {
+                let lengths = 2..=path.len();
+                lengths.map(|length| format!("{}.wesl", path[..length].join("/")))
+            });
+            let modules = modules.filter(|module| self.mentions.contains_key(module));
+            open.extend(modules.filter(|module| seen.insert(module.clone())));
+        }
+        found
+    }
+
+    /// Flattens and validates a module, which must compile.
     pub fn expect(&mut self, name: &str, defs: &[ShaderDefVal]) -> (String, Arc<naga::Module>) {
-        let wgsl = self.flatten(name, defs).unwrap_or_else(|error| panic!("{error}"));
-        let parse = || Arc::new(validate(&wgsl).unwrap_or_else(|error| panic!("{error}")));
-        let module = self.validated.entry(wgsl.clone()).or_insert_with(parse).clone();
-        (wgsl, module)
+        self.parse(name, defs).unwrap_or_else(|error| panic!("{error}"))
     }
 
     /// Flattens and validates a module.
-    pub fn compile(&mut self, name: &str, defs: &[&'static str]) -> Result<naga::Module, String> {
+    pub fn compile(&mut self, name: &str, defs: &[&'static str]) -> Result<Arc<naga::Module>, String> {
         let flags: Vec<ShaderDefVal> = defs.iter().map(|def| ShaderDefVal::from(*def)).collect();
-        let source = self.flatten(name, &flags)?;
-        validate(&source).map_err(|error| format!("{name} with {defs:?}: {error}"))
+        let parsed = self.parse(name, &flags);
+        parsed
+            .map(|(_, module)| module)
+            .map_err(|error| format!("{name} with {defs:?}: {error}"))
+    }
+
+    /// Parses each source once.
+    fn parse(&mut self, name: &str, defs: &[ShaderDefVal]) -> Result<(String, Arc<naga::Module>), String> {
+        let wgsl = self.flatten(name, defs)?;
+        let parsed = self.validated.entry(wgsl.clone());
+        let parsed = parsed.or_insert_with_key(|wgsl| validate(wgsl).map(Arc::new));
+        parsed.clone().map(|module| (wgsl, module))
     }
 }
 

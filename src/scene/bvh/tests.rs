@@ -202,7 +202,8 @@ fn check_tlas(tlas: &Tlas, instances: &[TlasInstance]) {
                 continue;
             }
             let matrix = item[1][0];
-            assert!(matrix >= places && (matrix as usize) < tlas.items.len());
+            let needs_none = matrix == 0 && item[0][0] == 0;
+            assert!(needs_none || matrix >= places && (matrix as usize) < tlas.items.len());
             let index = item[0][0] as usize;
             seen[index] += 1;
             assert_encloses(&decoded(&parent, slot), &instances[index]);
