@@ -17,6 +17,9 @@ type Translate = fn(&Module, &ModuleInfo, ShaderStage, &str) -> Result<Vec<u8>>;
 /// Number of elements of binding arrays, which comes from the pipeline layout.
 const ELEMENTS: u32 = 64;
 
+/// Space of the constants with the number of workgroups, which DirectX doesn't have: one that no pass uses.
+const CONSTANTS: u8 = 7;
+
 /// Translations by the suffix of their files' names.
 const LANGUAGES: [(&str, Translate); 3] = [("spv", spirv), ("hlsl", hlsl), ("metal", metal)];
 
@@ -100,7 +103,7 @@ fn spirv(module: &Module, info: &ModuleInfo, stage: ShaderStage, entry: &str) ->
     Ok(words.into_iter().flat_map(u32::to_le_bytes).collect())
 }
 
-/// For GPUs with ray queries; wgpu has no older shader model for binding arrays, either.
+/// For GPUs with ray queries, without run-time checks, as Bevy compiles; wgpu has no older shader model for binding arrays, either.
 fn hlsl(module: &Module, info: &ModuleInfo, stage: ShaderStage, entry: &str) -> Result<Vec<u8>> {
     let arrays = arrays(module).map(|binding| {
         let target = hlsl::BindTarget {
@@ -115,6 +118,14 @@ fn hlsl(module: &Module, info: &ModuleInfo, stage: ShaderStage, entry: &str) -> 
         shader_model: hlsl::ShaderModel::V6_5,
         binding_map: arrays.collect(),
         fake_missing_bindings: true,
+        special_constants_binding: Some(hlsl::BindTarget {
+            space: CONSTANTS,
+            ..hlsl::BindTarget::default()
+        }),
+        zero_initialize_workgroup_memory: false,
+        restrict_indexing: false,
+        force_loop_bounding: false,
+        ray_query_initialization_tracking: false,
         ..hlsl::Options::default()
     };
     let pipeline = hlsl::PipelineOptions {
