@@ -6,19 +6,17 @@
 mod compiler;
 mod figures;
 
-use std::collections::{BTreeMap, HashSet};
+use std::collections::BTreeMap;
 use std::fs;
-use std::num::NonZeroUsize;
-use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicUsize, Ordering};
-use std::thread;
+use std::path::Path;
 
-use anyhow::{Context, Result, anyhow, bail, ensure};
-use serde_json::Value;
+use anyhow::{Result, anyhow, bail, ensure};
 
+use crate::batches::{self, Outcome};
 use crate::driver::{self, Need};
+use crate::translations::{self, PRESETS, TRANSLATED};
 use crate::{cargo, progress};
-use compiler::{Compiler, Outcome};
+use compiler::Compiler;
 use figures::{Figures, Table};
 
 /// GPUs by the driver's names: RDNA 3, RDNA 2, the Steam Deck (RDNA 2) and RDNA 4.
@@ -27,43 +25,6 @@ const GPUS: [&str; 4] = ["navi31", "navi21", "vangogh", "gfx1201"];
 const BATCH: usize = 50;
 /// Figures of the passes below, and of passes that spill.
 const FILE: &str = "tests/shaders/isa.txt";
-/// Passes of the presets in plain scenes with either tracer, and the passes of the hardware back end.
-const PRESETS: [&str; 32] = [
-    "composite/resolve.resolve",
-    "composite/resolve.resolve IN_PLACE TILES",
-    "composite/resolve.resolve IN_PLACE TILES BLUR",
-    "composite/resolve.resolve IN_PLACE TILES FRONT_LAYER BLUR",
-    "denoise/one_pass.denoise WIDE",
-    "denoise/one_pass.denoise WIDE HIT_MOTION",
-    "denoise/one_pass.denoise WIDE REST",
-    "denoise/reconstruct.reconstruct WIDE",
-    "denoise/temporal.temporal",
-    "front_layer/find.find FRONT_LAYER",
-    "front_layer/find.find FRONT_LAYER RAY_QUERY",
-    "rate/adaptive.classify COMBINED TILE_ANGLES TILE_SHAPE TILE_REFLECTANCE",
-    "rate/classify.classify",
-    "rate/classify.classify COMBINED TILE_ANGLES TILE_SHAPE TILE_REFLECTANCE",
-    "rate/classify.classify ROUGHNESS",
-    "scene/pose/pose.pose_vertices",
-    "scene/pose/refit.fit_level",
-    "scene/pose/refit.pose_triangles",
-    "trace/blocks.trace",
-    "trace/blocks.trace MIRRORS",
-    "trace/blocks.trace MIRRORS RAY_QUERY",
-    "trace/blocks.trace RAY_QUERY",
-    "trace/converged.trace",
-    "trace/converged.trace RAY_QUERY",
-    "trace/inline.fragment",
-    "trace/inline.fragment RAY_QUERY",
-    "trace/shade.trace",
-    "trace/shade.trace MANY_LIGHTS",
-    "trace/shade.trace MANY_LIGHTS RAY_QUERY",
-    "trace/shade.trace MIRRORS",
-    "trace/shade.trace MIRRORS RAY_QUERY",
-    "trace/vrs.pack",
-];
-/// The test that writes the SPIR-V.
-const TEST: &str = "every_variant_is_translated";
 /// The table of all figures, beside the SPIR-V.
 const ALL: &str = "isa.txt";
 /// The vertex shader for fragment shaders in a module without one.
@@ -88,7 +49,7 @@ pub fn run(options: &Options) -> Result<()> {
     driver::prepare(Need::RayQuery)?;
     let compilers = prepare()?;
     if !options.translated {
-        progress::step("translate the shaders", translate)?;
+        progress::step("translate the shaders", translations::translate)?;
     }
     progress::step("compile for AMD's GPUs", || {
         judge(&compilers, options.all, options.accept)
@@ -115,29 +76,12 @@ pub fn prepare() -> Result<Vec<Compiler>> {
     Ok(compilers)
 }
 
-/// Runs the test that writes the SPIR-V.
-fn translate() -> Result<()> {
-    let translator = cargo::program_apart("tools/translate")?;
-    let built = cargo::build(cargo::tests().args(["--no-run", "--test", "shaders"]))?;
-    let test = built
-        .into_iter()
-        .find(|program| program.is_test && program.name == "shaders");
-    let test = test.context("cargo built no test program `shaders`")?;
-    let mut command = cargo::command(&test.executable);
-    command
-        .current_dir(&test.package)
-        .env("CARGO_MANIFEST_DIR", &test.package)
-        .env("GLINT_TRANSLATOR", translator)
-        .args([TEST, "--nocapture"]);
-    cargo::run(&mut command, TEST)
-}
-
 /// Compiles the translated shaders. Fails if a pipeline can't be compiled, uses memory for registers, or differs from the file.
 ///
 /// The first GPU gets all pipelines. The others get the pipelines of the file unless `all` is on.
 pub fn judge(compilers: &[Compiler], all: bool, accept: bool) -> Result<()> {
-    let folder = temporary_folder()?;
-    let pipelines = pipelines(&folder.join("translations"))?;
+    let folder = translations::temporary_folder()?;
+    let pipelines = pipelines(&folder.join(TRANSLATED))?;
     let (of, file) = figures::from_text(&fs::read_to_string(cargo::workspace_root().join(FILE))?)?;
     let is_wanted = |gpu: &str, name: &str| {
         all || gpu == compilers[0].gpu || is_preset(name) || file.contains_key(&(name.to_owned(), gpu.to_owned()))
@@ -209,43 +153,18 @@ fn compile(jobs: &[Job]) -> Result<Vec<Outcome>> {
         .chunk_by(|a, b| a.compiler.gpu == b.compiler.gpu)
         .flat_map(|jobs| jobs.chunks(BATCH))
         .collect();
-    let next = AtomicUsize::new(0);
-    let work = || -> Result<Vec<(usize, Vec<Outcome>)>> {
-        let mut done = Vec::new();
-        loop {
-            let index = next.fetch_add(1, Ordering::Relaxed);
-            let Some(batch) = batches.get(index) else {
-                return Ok(done);
-            };
-            let arguments: Vec<_> = batch.iter().map(|job| job.argument).collect();
-            done.push((index, batch[0].compiler.compile(&arguments)?));
-        }
-    };
-    let workers = thread::available_parallelism().map_or(1, NonZeroUsize::get);
-    let mut done = thread::scope(|scope| {
-        let threads: Vec<_> = (0..workers).map(|_| scope.spawn(work)).collect();
-        let done = threads.into_iter().map(|thread| match thread.join() {
-            Ok(result) => result,
-            Err(_) => bail!("a thread panicked"),
-        });
-        done.collect::<Result<Vec<_>>>()
-    })?
-    .concat();
-    done.sort_by_key(|(index, _)| *index);
-    Ok(done.into_iter().flat_map(|(_, outcomes)| outcomes).collect())
+    batches::parallel(&batches, |batch| {
+        let arguments: Vec<_> = batch.iter().map(|job| job.argument).collect();
+        batch[0].compiler.compile(&arguments)
+    })
 }
 
 /// The program's arguments by name, such as `trace/blocks.trace MIRRORS RAY_QUERY`. Many definitions make no difference to a pass, so each
 /// shader is listed once, by its shortest name.
 fn pipelines(folder: &Path) -> Result<BTreeMap<String, String>> {
-    let files = fs::read_dir(folder).with_context(|| format!("{}: run the tests first", folder.display()))?;
-    let mut paths: Vec<_> = files.map(|file| Ok(file?.path())).collect::<Result<_>>()?;
-    paths.retain(|path| path.extension().is_some_and(|end| end == "spv"));
-    paths.sort_by_cached_key(|path| (path.as_os_str().len(), path.clone()));
     let triangle = folder.join(TRIANGLE);
-    let (mut pipelines, mut known) = (BTreeMap::new(), HashSet::new());
-    for path in paths {
-        let spirv = fs::read(&path)?;
+    let mut pipelines = BTreeMap::new();
+    for (path, spirv) in translations::unique(folder, "spv")? {
         let argument = match stage(&spirv) {
             Some(Stage::Vertex) => continue,
             Some(Stage::Compute) => path.display().to_string(),
@@ -256,21 +175,9 @@ fn pipelines(folder: &Path) -> Result<BTreeMap<String, String>> {
             }
             None => bail!("{} has no entry point", path.display()),
         };
-        if known.insert(spirv) {
-            pipelines.insert(name(&path)?, argument);
-        }
+        pipelines.insert(translations::name(&path)?, argument);
     }
-    ensure!(!pipelines.is_empty(), "{} has no SPIR-V", folder.display());
     Ok(pipelines)
-}
-
-/// From `trace-blocks+MIRRORS.main.spv` to `trace/blocks.main MIRRORS`.
-fn name(path: &Path) -> Result<String> {
-    let stem = path.file_stem().context("no name")?.to_string_lossy();
-    let (module, entry) = stem.rsplit_once('.').with_context(|| stem.clone().into_owned())?;
-    let mut parts = module.split('+');
-    let pass = parts.next().unwrap_or_default().replace('-', "/");
-    Ok(parts.fold(format!("{pass}.{entry}"), |name, def| format!("{name} {def}")))
 }
 
 #[derive(Debug, PartialEq, Eq)]
@@ -303,15 +210,6 @@ fn stage(bytes: &[u8]) -> Option<Stage> {
 /// `Mesa 25.0.7-2` of `Null hardware (RADV NAVI21), Mesa 25.0.7-2`.
 fn driver_version(name: &str) -> String {
     name.rsplit(", ").next().unwrap_or_default().to_owned()
-}
-
-/// The output folder of tests.
-fn temporary_folder() -> Result<PathBuf> {
-    let mut metadata = cargo::cargo("metadata");
-    let output = metadata.args(["--no-deps", "--format-version=1"]).output()?;
-    let metadata: Value = serde_json::from_slice(&output.stdout).context("`cargo metadata` failed")?;
-    let target = metadata["target_directory"].as_str().context("no target directory")?;
-    Ok(Path::new(target).join("tmp"))
 }
 
 #[cfg(test)]
@@ -401,13 +299,7 @@ mod tests {
     }
 
     #[test]
-    fn names_are_those_of_other_tables() {
-        let name = |file: &str| name(Path::new(file)).unwrap();
-        assert_eq!(
-            name("a/trace-blocks+MIRRORS+RAY_QUERY.trace.spv"),
-            "trace/blocks.trace MIRRORS RAY_QUERY"
-        );
-        assert_eq!(name("scene-pose-refit.fit_level.spv"), "scene/pose/refit.fit_level");
+    fn the_version_is_part_of_the_name() {
         assert_eq!(
             driver_version("Null hardware (RADV NAVI21), Mesa 25.0.7-2"),
             "Mesa 25.0.7-2"

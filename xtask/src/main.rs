@@ -2,6 +2,7 @@
 //!
 //! They need only cargo and a C/C++ compiler: the Vulkan driver is searched for, and installed if possible.
 
+mod batches;
 mod cargo;
 mod cases;
 mod ci;
@@ -15,6 +16,7 @@ mod progress;
 mod publish;
 mod test;
 mod tools;
+mod translations;
 mod validate;
 mod web;
 mod words;
@@ -48,6 +50,8 @@ enum Command {
     Validate,
     /// Compile every shader variant for AMD's GPUs, without one, and compare the figures with `tests/shaders/isa.txt`.
     Isa(isa::Options),
+    /// Have Tint read the WGSL of browsers.
+    Translations(translations::Options),
     /// Build the demo as a page for browsers with WebGPU: `web --serve`, `web --check`.
     Web(web::Options),
     /// Follow the README in a new crate, as a new user would; `--measure` reports the plugin's compile time and size.
@@ -69,6 +73,7 @@ fn main() -> ExitCode {
         Command::Stress(options) => tools::stress(&options),
         Command::Validate => validate::run(),
         Command::Isa(options) => isa::run(&options),
+        Command::Translations(options) => translations::run(&options),
         Command::Web(options) => web::run(&options),
         Command::NewUser(options) => new_user::run(&options),
         Command::Package(options) => package::run(&options),

@@ -2,15 +2,13 @@
 
 use std::env;
 use std::ffi::OsString;
-use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
-use std::sync::mpsc::{self, RecvTimeoutError};
-use std::thread;
 use std::time::Duration;
 
 use anyhow::{Context, Result};
 
+use crate::batches::{self, Limits, Outcome};
 use crate::cargo;
 
 /// Maximum number of consecutive processes that crash at the same pipeline. Mesa 25.0.7 crashes in one of three at its largest,
@@ -18,9 +16,6 @@ use crate::cargo;
 const TRIES: usize = 8;
 /// Time limit of one pipeline. The slowest takes two seconds.
 const LIMIT: Duration = Duration::from_secs(60);
-
-/// The compiler's result for a pipeline: figures by name, or the reason for their absence.
-pub type Outcome = Result<Vec<(String, String)>, String>;
 
 /// The compiler for one GPU.
 pub struct Compiler {
@@ -75,20 +70,14 @@ impl Compiler {
         said.lines().next().map(str::to_owned).with_context(reason)
     }
 
-    /// Compiles pipelines, and returns the outcome of each. After a crash the pipeline gets more tries in fresh processes.
+    /// Compiles pipelines, and returns the outcome of each.
     pub fn compile(&self, pipelines: &[&str]) -> Result<Vec<Outcome>> {
-        let (mut outcomes, mut crashes) = (Vec::new(), 0);
-        while outcomes.len() < pipelines.len() {
-            let (done, end) = self.process(&pipelines[outcomes.len()..])?;
-            crashes = if done.is_empty() { crashes + 1 } else { 1 };
-            outcomes.extend(done);
-            let is_incomplete = outcomes.len() < pipelines.len();
-            if is_incomplete && (crashes == TRIES || matches!(end, End::TooLate)) {
-                outcomes.push(Err(end.reason(self.limit)));
-                crashes = 0;
-            }
-        }
-        Ok(outcomes)
+        let limits = Limits {
+            what: "the compiler",
+            time: self.limit,
+            tries: TRIES,
+        };
+        batches::run(|pipelines| self.command(pipelines), pipelines, limits)
     }
 
     fn command(&self, pipelines: &[&str]) -> Command {
@@ -104,61 +93,6 @@ impl Compiler {
             .stdin(Stdio::null())
             .stderr(Stdio::null());
         command
-    }
-
-    /// Outcomes until the process ends, and the way it ended.
-    fn process(&self, pipelines: &[&str]) -> Result<(Vec<Outcome>, End)> {
-        let mut child = self.command(pipelines).stdout(Stdio::piped()).spawn()?;
-        let output = child.stdout.take().context("no output")?;
-        let (sender, lines) = mpsc::channel();
-        thread::spawn(move || {
-            let lines = BufReader::new(output).lines().map_while(Result::ok);
-            // The first line contains the device's name.
-            lines.skip(1).try_for_each(|line| sender.send(line))
-        });
-        let mut outcomes = Vec::new();
-        let end = loop {
-            match lines.recv_timeout(self.limit) {
-                Ok(line) => outcomes.push(parse(&line)),
-                Err(RecvTimeoutError::Timeout) => {
-                    child.kill()?;
-                    break End::TooLate;
-                }
-                Err(RecvTimeoutError::Disconnected) => break End::Crashed,
-            }
-        };
-        let status = child.wait()?;
-        Ok((outcomes, if status.success() { End::Done } else { end }))
-    }
-}
-
-/// The end of a process.
-#[derive(Clone, Copy)]
-enum End {
-    Done,
-    Crashed,
-    TooLate,
-}
-
-impl End {
-    fn reason(self, limit: Duration) -> String {
-        match self {
-            Self::TooLate => format!("the compiler isn't done after {} s", limit.as_secs()),
-            Self::Done | Self::Crashed => "the compiler crashed".to_owned(),
-        }
-    }
-}
-
-/// A line of the program: the pipeline, `ok` and figures, or `failed` and the reason.
-fn parse(line: &str) -> Outcome {
-    let mut parts = line.split('\t').skip(1);
-    if parts.next() == Some("ok") {
-        let figures = parts.filter_map(|part| part.split_once('='));
-        Ok(figures
-            .map(|(name, value)| (name.to_owned(), value.to_owned()))
-            .collect())
-    } else {
-        Err(parts.next().unwrap_or("no reason given").to_owned())
     }
 }
 
