@@ -14,7 +14,7 @@ use crate::environment;
 const NEED_INTERNALS: [&str; 3] = ["glint_bench", "glint_evaluate", "glint_stress"];
 
 /// Packages with their own workspace, so that their dependencies don't change the features of Bevy.
-pub const APART: [&str; 3] = ["tools/browser", "tools/isa", "tools/translate"];
+pub const APART: [&str; 4] = ["tools/browser", "tools/isa", "tools/roundtrip", "tools/translate"];
 
 /// Environment variable with the folder of builds.
 const TARGET: &str = "CARGO_TARGET_DIR";
@@ -240,10 +240,10 @@ mod tests {
     fn packages_apart_follow_the_workspace() {
         let bindings = locked("tools/browser/Cargo.lock", "wasm-bindgen-cli-support");
         assert_eq!(bindings, locked("Cargo.lock", "wasm-bindgen"));
-        assert_eq!(
-            locked("tools/translate/Cargo.lock", "naga"),
-            locked("Cargo.lock", "naga")
-        );
+        for package in ["tools/roundtrip", "tools/translate"] {
+            let naga = locked(&format!("{package}/Cargo.lock"), "naga");
+            assert_eq!(naga, locked("Cargo.lock", "naga"), "{package}");
+        }
     }
 
     /// The sets of features that each package is compiled with. One package can have two, because procedural macros and build scripts
