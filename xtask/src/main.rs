@@ -50,7 +50,7 @@ enum Command {
     Validate,
     /// Compile every shader variant for AMD's GPUs, without one, and compare the figures with `tests/shaders/isa.txt`.
     Isa(isa::Options),
-    /// Have Tint read the WGSL of browsers.
+    /// Have Tint read the WGSL of browsers, and Slang compile the HLSL of DirectX back to SPIR-V, which is run beside the original.
     Translations(translations::Options),
     /// Build the demo as a page for browsers with WebGPU: `web --serve`, `web --check`.
     Web(web::Options),

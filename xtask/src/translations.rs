@@ -1,11 +1,13 @@
 //! `cargo xtask translations`: foreign compilers judge the languages that shaders are translated to.
 //!
-//! Tint, Chromium's compiler, reads the WGSL that browsers get. `cargo xtask isa` has AMD's compiler. Their input comes from the test
-//! `every_variant_is_translated`.
+//! Tint, Chromium's compiler, reads the WGSL that browsers get. Slang compiles the HLSL back to SPIR-V, and passes of the presets are run
+//! in both translations. `cargo xtask isa` has AMD's compiler. Their input comes from the test `every_variant_is_translated`.
 
+mod hlsl;
 mod packages;
 mod tint;
 
+pub use hlsl::RoundTrip;
 pub use tint::Tint;
 
 use std::collections::HashSet;
@@ -53,8 +55,9 @@ pub const PRESETS: [&str; 32] = [
     "trace/shade.trace MIRRORS RAY_QUERY",
     "trace/vrs.pack",
 ];
-/// Name of the step.
+/// Names of the steps.
 pub const WGSL: &str = "WGSL by Tint";
+pub const HLSL: &str = "HLSL by a round trip";
 /// The test that writes the translations.
 const TEST: &str = "every_variant_is_translated";
 /// The folder of translations, in the output folder of tests.
@@ -63,6 +66,9 @@ pub const TRANSLATED: &str = "translations";
 /// Arguments of `translations`.
 #[derive(clap::Args)]
 pub struct Options {
+    /// Compile every variant of HLSL, not only those of the presets.
+    #[arg(long)]
+    all: bool,
     /// Use the shaders from the last run of the tests.
     #[arg(long)]
     translated: bool,
@@ -87,8 +93,10 @@ pub fn run(options: &Options) -> Result<()> {
         }
     };
     judge(WGSL, Tint::prepare().map(|tint| progress::step(WGSL, || tint.judge())));
+    let trip = RoundTrip::prepare();
+    judge(HLSL, trip.map(|trip| progress::step(HLSL, || trip.judge(options.all))));
     if skipped > 0 {
-        progress::result(format_args!("skipped: {skipped} of 1 languages"));
+        progress::result(format_args!("skipped: {skipped} of 2 languages"));
     }
     if !failed.is_empty() {
         bail!("refused: {}", failed.join(", "));

@@ -1,4 +1,4 @@
-//! Compilers from package registries, each in a fixed version with its hash, by the machine's own npm.
+//! Compilers from package registries, each in a fixed version with its hash, by the machine's own npm and pip.
 
 use std::env;
 use std::fs;
@@ -9,6 +9,21 @@ use anyhow::{Context, Result, bail, ensure};
 
 /// npm's files of Dawn for Node, which carries Tint.
 const DAWN: (&str, &str) = (include_str!("package.json"), include_str!("package-lock.json"));
+/// The requirement of pip: the Python package that carries Slang, in the build of which we use the libraries alone.
+const SLANG: &str = include_str!("requirements.txt");
+/// The only platform of [`SLANG`]'s hash.
+const PLATFORM: [&str; 6] = [
+    "--python-version=3.11",
+    "--implementation=cp",
+    "--platform=manylinux_2_34_x86_64",
+    "--only-binary=:all:",
+    "--require-hashes",
+    "--no-deps",
+];
+/// The beginning of the names of Slang's libraries, and of the one to open.
+const LIBRARIES: &str = "libslang-";
+const COMPILER: &str = "libslang-compiler.so";
+
 /// Returns the folder of Dawn's package, after it was downloaded once.
 ///
 /// # Errors
@@ -27,6 +42,44 @@ pub fn dawn() -> Result<PathBuf> {
         download(npm.current_dir(folder), "npm")
     })?;
     Ok(folder.join("node_modules/webgpu"))
+}
+
+/// Returns Slang's library, after it was downloaded once.
+///
+/// # Errors
+/// If there is no pip, or the package can't be reached.
+pub fn slang() -> Result<PathBuf> {
+    ensure!(
+        cfg!(all(target_os = "linux", target_arch = "x86_64", target_env = "gnu")),
+        "the version of Slang is known for Linux on x86-64 alone"
+    );
+    let folder = cached("slang", SLANG, |folder| {
+        let (requirements, package) = (folder.join("requirements.txt"), folder.join("package"));
+        fs::write(&requirements, SLANG)?;
+        let mut pip = Command::new("python3");
+        pip.args(["-m", "pip", "install", "--quiet", "--no-compile", "--target"])
+            .arg(&package)
+            .args(PLATFORM)
+            .arg("--requirement")
+            .arg(requirements)
+            .env("PIP_ROOT_USER_ACTION", "ignore");
+        download(&mut pip, "pip")?;
+        for file in fs::read_dir(package.join("slangpy"))?.flatten() {
+            let name = file.file_name();
+            let name = name.to_string_lossy();
+            if name.starts_with(LIBRARIES) && name.contains(".so") {
+                fs::rename(file.path(), folder.join(&*name))?;
+            }
+        }
+        // The rest is six times as large.
+        Ok(fs::remove_dir_all(package)?)
+    })?;
+    let files = fs::read_dir(&folder)?.flatten().map(|file| file.path());
+    let mut libraries = files.filter(|path| {
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        name.starts_with(COMPILER)
+    });
+    libraries.next().context("the package has no compiler")
 }
 
 /// A folder outside of the clone that `fill` has filled completely, once for each text of a requirement.
@@ -101,8 +154,9 @@ mod tests {
 
     #[test]
     fn versions_have_hashes_and_no_addresses() {
+        assert!(SLANG.contains("--hash=sha256:"));
         assert!(DAWN.1.contains("sha512-"));
-        for text in [DAWN.0, DAWN.1] {
+        for text in [DAWN.0, DAWN.1, SLANG] {
             assert!(!text.contains("://"), "{text}");
         }
         assert_ne!(folder_name("a", "1"), folder_name("a", "2"));

@@ -1,0 +1,274 @@
+//! The HLSL of DirectX, compiled back to SPIR-V by Slang, and run beside naga's own.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::time::Duration;
+
+use anyhow::{Result, ensure};
+
+use super::{PRESETS, TRANSLATED, name, packages, temporary_folder, unique};
+use crate::batches::{self, Limits, Outcome};
+use crate::{cargo, progress};
+
+/// The folder of Slang's SPIR-V, in the output folder of tests.
+const RETURNED: &str = "roundtrip";
+/// Passes of one process: few, since some take seconds.
+const BATCH: usize = 4;
+const COMPILE: Limits = Limits {
+    what: "Slang",
+    time: Duration::from_secs(120),
+    tries: 2,
+};
+const RUN: Limits = Limits {
+    what: "the pass",
+    time: Duration::from_secs(300),
+    tries: 2,
+};
+
+/// The compiler, ready to run.
+pub struct RoundTrip {
+    library: PathBuf,
+}
+
+/// The program that calls the compiler and runs what it writes.
+struct Tool<'a> {
+    program: PathBuf,
+    library: &'a Path,
+    /// The folder of what the compiler writes.
+    returned: PathBuf,
+    /// There is a validator of SPIR-V.
+    validates: bool,
+}
+
+/// A translated entry point.
+struct Pass {
+    /// Such as `trace/blocks.trace MIRRORS`.
+    name: String,
+    /// Its path without the suffix.
+    argument: String,
+}
+
+impl RoundTrip {
+    /// Downloads the compiler, if necessary.
+    ///
+    /// # Errors
+    /// If the compiler can't be had.
+    pub fn prepare() -> Result<Self> {
+        Ok(Self {
+            library: packages::slang()?,
+        })
+    }
+
+    /// Compiles the passes of the presets, or all variants of all passes, and runs those of the presets.
+    ///
+    /// # Errors
+    /// If a translation is refused or has another meaning.
+    pub fn judge(&self, all: bool) -> Result<()> {
+        let folder = temporary_folder()?;
+        let tool = self.tool(folder.join(RETURNED))?;
+        let mut passes = passes(&folder.join(TRANSLATED))?;
+        let missing = PRESETS
+            .iter()
+            .filter(|preset| !passes.iter().any(|pass| pass.name == **preset));
+        let mut failures: Vec<_> = missing.map(|name| format!("{name}: no such pass")).collect();
+        passes.retain(|pass| all || is_preset(pass));
+        let verdict = tool.judge(passes, |pass| is_preset(pass) && runs(pass))?;
+        progress::result(format_args!(
+            "HLSL: Slang compiled {} passes; {} of {} passes of the presets wrote the same as naga's SPIR-V",
+            verdict.compiled, verdict.equal, verdict.ran
+        ));
+        failures.extend(verdict.failures);
+        ensure!(failures.is_empty(), "{}", failures.join("\n"));
+        Ok(())
+    }
+
+    /// Builds the program, and empties the folder of what the compiler writes.
+    fn tool(&self, returned: PathBuf) -> Result<Tool<'_>> {
+        _ = fs::remove_dir_all(&returned);
+        fs::create_dir_all(&returned)?;
+        let validates = cargo::command("spirv-val").arg("--version").output().is_ok();
+        if !validates {
+            progress::note("skipped: spirv-val is missing: Debian has it in the package spirv-tools");
+        }
+        Ok(Tool {
+            program: cargo::program_apart("tools/roundtrip")?,
+            library: &self.library,
+            returned,
+            validates,
+        })
+    }
+}
+
+/// Counts of passes, and reasons.
+#[derive(Default)]
+struct Verdict {
+    compiled: usize,
+    ran: usize,
+    equal: usize,
+    failures: Vec<String>,
+}
+
+/// The outcome of each pass.
+fn each(limits: Limits, passes: &[Pass], command: impl Fn(&[&str]) -> Command + Sync) -> Result<Vec<Outcome>> {
+    let batches: Vec<_> = passes.chunks(BATCH).collect();
+    batches::parallel(&batches, |batch| {
+        let arguments: Vec<_> = batch.iter().map(|pass| pass.argument.as_str()).collect();
+        batches::run(&command, &arguments, limits)
+    })
+}
+
+impl Tool<'_> {
+    /// Compiles all passes, and runs some.
+    fn judge(&self, passes: Vec<Pass>, runs: impl Fn(&Pass) -> bool) -> Result<Verdict> {
+        let mut verdict = Verdict::default();
+        let mut good = Vec::new();
+        let outcomes = each(COMPILE, &passes, |names| self.compiler(names))?;
+        for (pass, outcome) in passes.into_iter().zip(outcomes) {
+            match outcome.and_then(|_| self.validate(&pass)) {
+                Ok(()) => good.push(pass),
+                Err(reason) => verdict.failures.push(format!("{}: {reason}", pass.name)),
+            }
+        }
+        verdict.compiled = good.len();
+        good.retain(runs);
+        verdict.ran = good.len();
+        let outcomes = each(RUN, &good, |names| self.runner(names))?;
+        for (pass, outcome) in good.iter().zip(outcomes) {
+            match outcome {
+                Ok(figures) => {
+                    verdict.equal += 1;
+                    progress::note(format_args!("{}: {}", pass.name, describe(&figures)));
+                }
+                Err(reason) => verdict.failures.push(format!("{}: {reason}", pass.name)),
+            }
+        }
+        Ok(verdict)
+    }
+
+    fn compiler(&self, names: &[&str]) -> Command {
+        let mut command = cargo::command(&self.program);
+        command.arg("compile").args([self.library, &self.returned]).args(names);
+        command
+    }
+
+    fn runner(&self, names: &[&str]) -> Command {
+        let mut command = cargo::command(&self.program);
+        command.arg("run").arg(&self.returned).args(names);
+        // Atomic counters then have the same order in each run.
+        command.env("LP_NUM_THREADS", "1");
+        command
+    }
+
+    /// Has Khronos' validator read Slang's SPIR-V. DirectX's layouts, which have data in the last row of a matrix, aren't Vulkan's.
+    fn validate(&self, pass: &Pass) -> Result<(), String> {
+        if !self.validates {
+            return Ok(());
+        }
+        let file = Path::new(&pass.argument).file_name().unwrap_or_default();
+        let output = cargo::command("spirv-val")
+            .args(["--target-env", "vulkan1.2", "--skip-block-layout"])
+            .arg(self.returned.join(format!("{}.spv", file.display())))
+            .stdin(Stdio::null())
+            .output()
+            .map_err(|error| error.to_string())?;
+        if output.status.success() {
+            return Ok(());
+        }
+        let said = String::from_utf8_lossy(&output.stderr);
+        Err(format!("spirv-val: {}", said.trim().replace('\n', " ")))
+    }
+}
+
+fn is_preset(pass: &Pass) -> bool {
+    PRESETS.contains(&pass.name.as_str())
+}
+
+/// Compute passes run. Passes that draw triangles are only compiled.
+fn runs(pass: &Pass) -> bool {
+    !pass.name.contains(".fragment")
+}
+
+/// The passes in a folder of translations.
+fn passes(folder: &Path) -> Result<Vec<Pass>> {
+    let files = unique(folder, "hlsl")?;
+    let passes = files.iter().map(|(path, _)| {
+        Ok(Pass {
+            name: name(path)?,
+            argument: path.with_extension("").display().to_string(),
+        })
+    });
+    passes.collect()
+}
+
+/// `4096 values written, 2 rounded, 3 differ, the first at out[0]: 0x1 and 0x200`.
+fn describe(figures: &[(String, String)]) -> String {
+    let figure = |wanted: &str| {
+        let found = figures.iter().find(|(name, _)| name == wanted);
+        found.map(|(_, value)| value.as_str())
+    };
+    let counts = ["changed", "rounded", "unequal"].map(|name| figure(name).unwrap_or("?"));
+    let first = figure("first").map(|first| format!(", the first at {first}"));
+    let [changed, rounded, unequal] = counts;
+    let first = first.unwrap_or_default();
+    format!("{changed} values written, {rounded} rounded, {unequal} differ{first}")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const GOOD: &str = "
+        @group(0) @binding(0) var<storage, read_write> data: array<f32>;
+        @compute @workgroup_size(64)
+        fn main(@builtin(global_invocation_id) id: vec3<u32>) {
+            data[id.x] += 1.0;
+        }";
+
+    #[test]
+    fn figures_are_sentences() {
+        let figure = |name: &str, value: &str| (name.to_owned(), value.to_owned());
+        let mut figures = vec![figure("changed", "40"), figure("rounded", "2"), figure("unequal", "1")];
+        assert_eq!(describe(&figures), "40 values written, 2 rounded, 1 differ");
+        figures.push(figure("first", "out[0]: 0x1 and 0x2"));
+        assert!(describe(&figures).ends_with("1 differ, the first at out[0]: 0x1 and 0x2"));
+    }
+
+    /// A translation with another meaning, one that isn't HLSL, and a pass that writes nothing.
+    #[test]
+    #[ignore = "long: downloads a compiler"]
+    fn planted_faults_are_caught() {
+        let trip = match RoundTrip::prepare() {
+            Ok(trip) => trip,
+            Err(reason) => return println!("skipped: {reason:#}"),
+        };
+        let folder = tempfile::tempdir().unwrap();
+        let at = |name: &str| folder.path().join(name);
+        let idle = GOOD.replace("+= 1.0", "= data[id.x]");
+        for (name, source) in [("good", GOOD), ("changed", GOOD), ("broken", GOOD), ("idle", &idle)] {
+            fs::write(at(&format!("{name}.wgsl")), source).unwrap();
+        }
+        let translator = cargo::program_apart("tools/translate").unwrap();
+        cargo::run(cargo::command(translator).arg(folder.path()), "the translation").unwrap();
+        for (name, from, to) in [("changed", "1.0", "1.5"), ("broken", "asuint", "as_uint")] {
+            let file = at(&format!("{name}.main.hlsl"));
+            let source = fs::read_to_string(&file).unwrap();
+            assert!(source.contains(from), "{source}");
+            fs::write(file, source.replace(from, to)).unwrap();
+        }
+        let tool = trip.tool(at("returned")).unwrap();
+        let passes = ["good", "changed", "broken", "idle"].map(|name| Pass {
+            name: name.to_owned(),
+            argument: at(&format!("{name}.main")).display().to_string(),
+        });
+        let verdict = tool.judge(passes.into(), |_| true).unwrap();
+        assert_eq!((verdict.compiled, verdict.ran, verdict.equal), (3, 3, 1));
+        let failures = verdict.failures.join("\n");
+        let reasons = [
+            "broken: error",
+            "changed: 1024 of 1024 values differ",
+            "idle: the pass writes nothing",
+        ];
+        assert!(reasons.iter().all(|reason| failures.contains(reason)), "{failures}");
+    }
+}
