@@ -7,7 +7,8 @@ use std::time::{Duration, Instant};
 use anyhow::{Result, bail, ensure};
 
 use crate::progress::{self, Elapsed, Times};
-use crate::{cargo, file_sizes, isa, test, web, words};
+use crate::translations::{RoundTrip, Tint};
+use crate::{cargo, file_sizes, isa, test, translations, web, words};
 
 /// Maximum time of a run at which the page is still built and opened, which takes up to half an hour in a cold build. With a lower
 /// value, machines that have the time skip it; with a higher one, cold machines exceed limits of 90 minutes.
@@ -101,6 +102,14 @@ impl Checks {
         }
     }
 
+    /// Runs a check that needs something, or skips it with the reason for its absence.
+    fn run_prepared<T>(&mut self, name: &'static str, prepared: Result<T>, check: impl FnOnce(T) -> Result<()>) {
+        match prepared {
+            Ok(needed) => self.run(name, || check(needed)),
+            Err(reason) => self.skip(name, &format!("{reason:#}")),
+        }
+    }
+
     fn skip(&mut self, name: &str, reason: &str) {
         self.skipped += 1;
         let remark = format!("skipped: {reason}");
@@ -116,9 +125,11 @@ impl Checks {
     }
 }
 
-/// Compiles the shaders that the tests translated for AMD's GPUs, if AMD's driver is installed. It is only a report: the driver crashes
-/// at random on some shaders, so a failure says little about a change.
+/// Has other compilers judge the shaders that the tests translated.
 fn foreign_compilers(checks: &mut Checks) {
+    checks.run_prepared(translations::WGSL, Tint::prepare(), |tint| tint.judge());
+    checks.run_prepared(translations::HLSL, RoundTrip::prepare(), |trip| trip.judge(false));
+    // A report: AMD's compiler crashes at random on some shaders, so a failure says little about a change.
     const NAME: &str = "shaders for AMD's GPUs";
     match isa::prepare() {
         Ok(compilers) => {
@@ -133,10 +144,9 @@ fn foreign_compilers(checks: &mut Checks) {
 /// Opens the page in a browser, if there is a browser and enough time.
 fn page(checks: &mut Checks, elapsed: Duration) {
     const NAME: &str = "page in a browser";
-    match time_for_page(elapsed).and_then(|()| web::prepare()) {
-        Ok(()) => checks.run(NAME, web::check),
-        Err(reason) => checks.skip(NAME, &format!("{reason:#}")),
-    }
+    checks.run_prepared(NAME, time_for_page(elapsed).and_then(|()| web::prepare()), |()| {
+        web::check()
+    });
 }
 
 fn time_for_page(elapsed: Duration) -> Result<()> {
@@ -199,6 +209,21 @@ fn library(options: &[&str]) -> Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn checks_without_their_needs_are_counted_as_skipped() {
+        let mut checks = Checks::default();
+        checks.run_prepared("a", Err::<(), _>(anyhow::anyhow!("no network")), |()| {
+            bail!("unreachable")
+        });
+        checks.run_prepared("b", Ok("needed"), |needed| {
+            ensure!(needed == "needed");
+            Ok(())
+        });
+        checks.run_prepared("c", Ok(()), |()| bail!("refused"));
+        assert_eq!((checks.skipped, &checks.failed[..]), (1, &["c"][..]));
+        assert!(checks.times.to_string().contains("skipped: no network"));
+    }
 
     #[test]
     fn a_run_that_is_late_skips_the_page_and_counts_that() {
