@@ -78,7 +78,9 @@ mod gbuffer;
 mod gpu_time;
 pub mod manual;
 mod node;
+mod pass_table;
 mod passes;
+mod pipelines;
 mod plugin;
 pub mod prelude;
 mod probe;
@@ -148,6 +150,11 @@ pub mod internals {
         settings::{RATE_ACTIVE, RATE_CODE_MASK},
         trace::directional_albedo,
     };
+
+    /// The table of passes.
+    pub mod passes {
+        pub use crate::pass_table::{definitions, modules};
+    }
 
     /// Copies of a view's targets.
     pub mod readback {

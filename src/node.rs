@@ -1,9 +1,10 @@
 //! Schedules the passes of a view.
 
 use crate::{
-    composite::{CompositePipelines, Surfaces, keep_screen},
+    composite::{Surfaces, keep_screen},
     device::tracing_app,
     passes::{PassPipelines, record_counters},
+    pipelines::Pipelines,
     schedule::ReflectionSystems,
     trace::{PassResources, PassView, VrsPass},
     view::{MoreMemory, ViewCulling},
@@ -84,7 +85,7 @@ fn ray_traced_reflections(
 fn keep_screens(
     view: ViewQuery<(PassView, &ViewCulling, Has<MoreMemory>)>,
     resources: PassResources,
-    pipelines: Option<Res<CompositePipelines>>,
+    pipelines: Option<Res<Pipelines>>,
     mut ctx: RenderContext,
 ) {
     let entity = view.entity();

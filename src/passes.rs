@@ -2,13 +2,14 @@
 
 use crate::{
     common::{HIT_COUNT, MIRROR_RAY_COUNT, RAY_COUNT, TILE_COUNT, word_offset},
-    composite::{CompositePipelines, Surfaces, composite_reflection},
-    denoise::{DenoisePipelines, denoise},
+    composite::{Surfaces, composite_reflection},
+    denoise::denoise,
     diagnostics::{TotalTimeOnly, WithoutReflections},
     gbuffer::PassContext,
-    rate::{RatePipelines, determine_rates},
+    pipelines::Pipelines,
+    rate::{RateImages, determine_rates},
     settings::ReflectionTechnique,
-    trace::{TracePipelines, VrsPass, trace_rays},
+    trace::{TraceState, VrsPass, trace_rays},
 };
 use bevy::{
     ecs::{prelude::*, system::SystemParam},
@@ -19,28 +20,27 @@ use bevy::{
     },
 };
 
-/// Pipelines of all passes except tracing.
+/// Pipelines and images of all passes.
 #[derive(SystemParam)]
 pub(crate) struct PassPipelines<'w> {
-    rate: Option<Res<'w, RatePipelines>>,
-    denoise: Option<Res<'w, DenoisePipelines>>,
-    composite: Option<Res<'w, CompositePipelines>>,
+    pipelines: Option<Res<'w, Pipelines>>,
+    rate_images: Option<Res<'w, RateImages>>,
     total_only: Option<Res<'w, TotalTimeOnly>>,
     without_reflections: Option<Res<'w, WithoutReflections>>,
 }
 
 impl PassPipelines<'_> {
-    /// The passes; `None` until all pipelines are created.
+    /// The passes; `None` until they are loaded.
     pub fn passes<'a>(
         &'a self,
-        trace: Option<&'a TracePipelines>,
+        trace: Option<&'a TraceState>,
         diagnostics: Option<&'a DiagnosticsRecorder>,
     ) -> Option<ViewPasses<'a>> {
         Some(ViewPasses {
-            rate: self.rate.as_deref()?,
+            pipelines: self.pipelines.as_deref()?,
+            rate_images: self.rate_images.as_deref()?,
             trace: trace?,
-            denoise: self.denoise.as_deref()?,
-            composite: Some(self.composite.as_deref()?).filter(|_| self.without_reflections.is_none()),
+            shows: self.without_reflections.is_none(),
             stages: diagnostics.filter(|_| self.total_only.is_none()),
         })
     }
@@ -48,11 +48,11 @@ impl PassPipelines<'_> {
 
 /// The passes of a view.
 pub(crate) struct ViewPasses<'a> {
-    rate: &'a RatePipelines,
-    trace: &'a TracePipelines,
-    denoise: &'a DenoisePipelines,
-    /// `None` to trace reflections without showing them.
-    composite: Option<&'a CompositePipelines>,
+    pipelines: &'a Pipelines,
+    rate_images: &'a RateImages,
+    trace: &'a TraceState,
+    /// False to trace reflections without showing them.
+    shows: bool,
     /// Measures each of them, unless only the total counts.
     stages: Option<&'a DiagnosticsRecorder>,
 }
@@ -64,7 +64,7 @@ impl ViewPasses<'_> {
             return;
         }
         let span = self.stages.time_span(ctx.command_encoder(), "rate");
-        determine_rates(ctx, self.rate, context);
+        determine_rates(ctx, self.pipelines, self.rate_images, context);
         span.end(ctx.command_encoder());
     }
 
@@ -78,12 +78,12 @@ impl ViewPasses<'_> {
         surfaces: Surfaces,
     ) -> bool {
         let span = self.stages.time_span(ctx.command_encoder(), "trace");
-        let watches = trace_rays(ctx, self.trace, context, vrs);
+        let watches = trace_rays(ctx, (self.pipelines, self.trace), context, vrs);
         span.end(ctx.command_encoder());
-        denoise(ctx, self.denoise, context, self.stages);
+        denoise(ctx, self.pipelines, context, self.stages);
         let span = self.stages.time_span(ctx.command_encoder(), "composite");
-        if let Some(composite) = self.composite {
-            composite_reflection(ctx, composite, context, target, surfaces);
+        if self.shows {
+            composite_reflection(ctx, self.pipelines, context, target, surfaces);
         }
         span.end(ctx.command_encoder());
         watches

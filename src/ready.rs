@@ -1,16 +1,17 @@
 //! Tracks which settings have all of their pipelines compiled, so that a view switches over in one frame, and never too early.
 
 use crate::{
-    composite::CompositePipelines,
-    denoise::DenoisePipelines,
+    composite, denoise,
     device::{RealTime, WritesInPlace, tracing_app},
-    rate::RatePipelines,
+    pipelines::Pipelines,
+    rate::{self, RateImages},
+    scene::SceneBindings,
     schedule::ReflectionSystems,
     settings::{
         ClampedSettings, RateSettings, RateVariant, ReflectionBackend, ReflectionTechnique, ReflectionView,
         WantsReflections,
     },
-    trace::{TracePipelines, VrsPass},
+    trace::{TraceState, VrsPass},
 };
 use bevy::{
     app::{App, Plugin},
@@ -100,7 +101,7 @@ impl KnownSettings {
 #[derive(SystemParam)]
 pub struct Readiness<'w> {
     known: Res<'w, KnownSettings>,
-    trace: Option<Res<'w, TracePipelines>>,
+    trace: Option<Res<'w, TraceState>>,
 }
 
 impl Readiness<'_> {
@@ -119,11 +120,11 @@ impl Readiness<'_> {
 /// Pipelines of all passes that a view waits for.
 #[derive(SystemParam)]
 struct AllPipelines<'w> {
-    trace: ResMut<'w, TracePipelines>,
-    rates: ResMut<'w, RatePipelines>,
-    denoise: ResMut<'w, DenoisePipelines>,
-    composite: ResMut<'w, CompositePipelines>,
+    pipelines: ResMut<'w, Pipelines>,
+    trace: ResMut<'w, TraceState>,
+    rate_images: ResMut<'w, RateImages>,
     vrs: VrsPass<'w>,
+    scene: Res<'w, SceneBindings>,
     in_place: Res<'w, WritesInPlace>,
     cache: Res<'w, PipelineCache>,
 }
@@ -131,10 +132,14 @@ struct AllPipelines<'w> {
 impl AllPipelines<'_> {
     /// Requests the pipelines of a view.
     fn request(&mut self, known: &Known) {
-        self.trace.request(&known.settings);
-        self.rates.request(&known.rate);
-        self.denoise.request(&known.settings);
-        self.composite.request(&known.settings, known.format, *self.in_place);
+        let Known {
+            settings, rate, format, ..
+        } = known;
+        self.trace.request(settings);
+        let variants = rate::variants(rate)
+            .chain(denoise::variants(settings, self.scene.knows_motions()))
+            .chain(composite::variants(settings, *format, *self.in_place, &self.scene));
+        self.pipelines.want(&self.cache, variants);
     }
 
     /// Returns whether all pipelines of a view are compiled.
@@ -142,12 +147,13 @@ impl AllPipelines<'_> {
         let Known {
             settings, rate, format, ..
         } = known;
-        let (format, in_place) = (*format, *self.in_place);
-        self.vrs.is_ready(settings, &self.trace, &self.cache)
-            && self.trace.is_ready(&self.cache, settings)
-            && self.rates.is_ready(&self.cache, rate)
-            && self.denoise.is_ready(&self.cache, settings)
-            && self.composite.is_ready(&self.cache, settings, format, in_place)
+        let needed = rate::needed(rate)
+            .chain(denoise::needed(settings))
+            .chain(composite::needed(settings, *format, *self.in_place));
+        let vrs_request = || self.trace.vrs_request(&self.pipelines, &self.scene);
+        self.vrs.is_ready(settings, &self.cache, vrs_request)
+            && self.trace.is_ready(&self.pipelines, &self.cache, settings)
+            && self.pipelines.are_compiled(&self.cache, needed)
     }
 }
 
@@ -164,12 +170,12 @@ fn request_pipelines(
     }
     for (wants, view) in &wanting {
         known.note(&wants.settings, &wants.rate, view.map(|view| view.target_format));
-        pipelines.rates.request(&wants.rate);
+        pipelines.rate_images.request(&wants.rate);
     }
     // While other settings are compiled, views keep theirs.
     for (active, view) in &active {
         known.note(&active.settings, &active.rate, Some(view.target_format));
-        pipelines.rates.request(&active.rate);
+        pipelines.rate_images.request(&active.rate);
     }
     known.0.retain(|_, known| {
         let is_used = known.unused <= REMEMBERED;

@@ -6,29 +6,31 @@
 //! | `front_layer.wesl` | light that the reflection adds to transparent surfaces |
 //! | `add` | the addition if compute shaders can't write the frame |
 //! | `screen` | the copy of the lit frame for rays that reuse its light |
-//! | `pipelines.rs` | the passes that run |
+//! | `passes.rs` | the passes that run |
 
 mod add;
-mod pipelines;
+mod passes;
 mod resolve;
 mod screen;
 
-pub use pipelines::CompositePipelines;
+pub(crate) use add::ADD;
+pub(crate) use passes::{composite_reflection, needed, variants};
+pub(crate) use resolve::{
+    RESOLVE, RESOLVE_APART, RESOLVE_TILES, Surfaces, composited_radiance, history, or_gbuffer, shown_bindings,
+};
+pub(crate) use screen::{SCREEN, keep_screen};
 
-pub(crate) use pipelines::{composite_reflection, keep_screen};
-pub(crate) use resolve::{Surfaces, composited_radiance, history, or_gbuffer, shown_bindings};
-
-use crate::{device::tracing_app, scene::SceneBindings, schedule::ReflectionSystems};
+use crate::device::tracing_app;
 use bevy::{
     app::{App, Plugin},
     asset::embedded_asset,
     ecs::schedule::IntoScheduleConfigs,
-    render::{Render, RenderApp, RenderStartup, RenderSystems, init_gpu_resource, view::prepare_view_targets},
+    render::{Render, RenderApp, RenderSystems, view::prepare_view_targets},
     shader::load_shader_library,
 };
-use pipelines::{allow_writes_in_place, init_composite_pipelines, queue_composite_pipelines};
+use passes::allow_writes_in_place;
 
-/// Registers the shaders and pipelines of this folder.
+/// Registers the shaders of this folder.
 pub(crate) struct CompositePlugin;
 
 impl Plugin for CompositePlugin {
@@ -45,19 +47,11 @@ impl Plugin for CompositePlugin {
 
     fn finish(&self, app: &mut App) {
         let Some(render_app) = tracing_app(app) else { return };
-        render_app
-            .add_systems(
-                RenderStartup,
-                init_composite_pipelines.after(init_gpu_resource::<SceneBindings>),
-            )
-            .add_systems(
-                Render,
-                (
-                    queue_composite_pipelines.in_set(ReflectionSystems::QueuePipelines),
-                    allow_writes_in_place
-                        .before(prepare_view_targets)
-                        .in_set(RenderSystems::PrepareViews),
-                ),
-            );
+        render_app.add_systems(
+            Render,
+            allow_writes_in_place
+                .before(prepare_view_targets)
+                .in_set(RenderSystems::PrepareViews),
+        );
     }
 }

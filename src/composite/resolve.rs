@@ -4,14 +4,13 @@ use crate::{
     common::{TILE_DISPATCH, word_offset},
     denoise,
     device::FRAME_FORMAT,
-    gbuffer::{Binding, FindTexture, GBufferPass, OtherGroups, PassContext},
+    gbuffer::{Binding, FindTexture, PassContext},
+    pipelines::{Failure, Groups, Options, Pass, Pipelines, Variant},
+    scene::Features,
     settings::ClampedSettings,
     targets::{HistoryTargets, REFLECTION_FORMAT},
 };
-use bevy::{
-    render::{render_resource::TextureView, renderer::RenderContext},
-    shader::ShaderDefVal,
-};
+use bevy::render::{render_resource::TextureView, renderer::RenderContext};
 
 /// Surfaces with a reflection to add to the frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -22,148 +21,132 @@ pub(crate) enum Surfaces {
     FrontLayer,
 }
 
-impl Surfaces {
-    const ALL: [Self; 2] = [Self::Opaque, Self::FrontLayer];
+/// Resolves every pixel of [`PassContext::area`] into a separate texture.
+pub(crate) const RESOLVE_APART: &Pass = &Pass {
+    label: "glint_resolve_apart",
+    options: Options::empty(),
+    bindings: || {
+        let output = Binding::written(REFLECTION_FORMAT, |context| context.targets().reflection.as_ref());
+        let frame = Binding::floats(|context| Some(context.frame));
+        resolve_bindings([output, frame])
+    },
+    ..*RESOLVE
+};
 
-    pub fn of(settings: &ClampedSettings) -> impl Iterator<Item = Self> + use<> {
-        let has_layer = settings.has_front_layer();
-        Self::ALL
-            .into_iter()
-            .filter(move |surfaces| has_layer || *surfaces == Self::Opaque)
-    }
+/// Reads and writes every pixel of the frame.
+pub(crate) const RESOLVE: &Pass = &Pass {
+    label: "glint_resolve",
+    shader: "composite/resolve.wesl",
+    entry_point: "resolve",
+    bindings: || resolve_bindings([frame()]),
+    groups: Groups::Environment,
+    options: Options::IN_PLACE,
+    ..Pass::new(Failure::COMPOSITE)
+};
 
-    fn shader_defs(self) -> Vec<ShaderDefVal> {
-        match self {
-            Self::Opaque => vec![],
-            Self::FrontLayer => vec!["FRONT_LAYER".into()],
-        }
+/// Reads and writes the active tiles of the frame.
+pub(crate) const RESOLVE_TILES: &Pass = &Pass {
+    label: "glint_resolve_tiles",
+    options: Options::IN_PLACE.union(Options::TILES),
+    bindings: || {
+        resolve_bindings([
+            frame(),
+            Binding::words(|context| Some(&context.targets().indirect_args)),
+            Binding::words(|context| Some(&context.images()?.tile_list)),
+        ])
+    },
+    ..*RESOLVE
+};
+
+fn frame() -> Binding {
+    Binding::read_written(FRAME_FORMAT, |context| Some(context.frame))
+}
+
+fn resolve_bindings(own: impl IntoIterator<Item = Binding>) -> Vec<Binding> {
+    // Without SSAO something must be bound; the shader doesn't read it.
+    let mut bindings = shown_bindings(|context| context.ssao.or_else(|| composited_radiance(context)));
+    bindings.extend(own);
+    bindings
+}
+
+/// The pass that resolves reflections. `in_place` is true if compute shaders can write the frame, and `has_tiles` if the view has a tile
+/// list.
+pub(super) fn pass(in_place: bool, has_tiles: bool) -> &'static Pass {
+    match (in_place, has_tiles) {
+        (false, _) => RESOLVE_APART,
+        (true, true) => RESOLVE_TILES,
+        (true, false) => RESOLVE,
     }
 }
 
-/// A variant of the pass.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub(super) struct ResolveVariant {
-    pub surfaces: Surfaces,
-    /// Includes the last filter of the denoiser.
-    pub blurs: bool,
-    /// The front layer can contain opaque surfaces, which are lit differently from glass.
-    pub forward: bool,
+/// Properties of the scene that the front layer's light depends on: the layer can contain opaque surfaces, which are lit differently from
+/// glass, and light probes affect transparent ones.
+fn layer_features(settings: &ClampedSettings, scene: Features) -> Features {
+    let mut features = scene & (Features::LIGHT_PROBES | Features::FORWARD_SURFACES);
+    if !settings.forward {
+        features -= Features::FORWARD_SURFACES;
+    }
+    features
 }
 
-impl ResolveVariant {
-    /// The variants that a view's settings need. Without history, nothing is blurred.
-    pub fn of(settings: &ClampedSettings) -> impl Iterator<Item = Self> + use<> {
-        let wants_forward = settings.forward;
-        let blurs: &[bool] = if denoise::blurs(settings) {
-            &[false, true]
-        } else {
-            &[false]
-        };
-        Surfaces::of(settings).flat_map(move |surfaces| {
-            let forward = wants_forward && surfaces == Surfaces::FrontLayer;
-            blurs.iter().map(move |&blurs| Self {
-                surfaces,
-                blurs,
-                forward,
-            })
-        })
-    }
-
-    pub fn shader_defs(self) -> Vec<ShaderDefVal> {
-        let mut defs = self.surfaces.shader_defs();
-        if self.blurs {
-            defs.push("BLUR".into());
-        }
-        if self.forward {
-            defs.push("FORWARD_SURFACES".into());
-        }
-        defs
-    }
+/// The definitions of views with these settings. Without history, nothing is blurred.
+fn blurs(settings: &ClampedSettings) -> impl Iterator<Item = Options> + Clone + use<> {
+    [
+        Some(Options::empty()),
+        denoise::blurs(settings).then_some(Options::BLUR),
+    ]
+    .into_iter()
+    .flatten()
 }
 
-/// Destination of the result, and the visited pixels.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub(super) enum Resolve {
-    /// Every pixel of [`PassContext::area`], into a separate texture.
-    Apart,
-    /// Reads and writes the same pixels of the frame.
-    InPlace,
-    /// The active tiles of the frame.
-    InPlaceTiles,
+/// Variants for opaque surfaces.
+pub(super) fn variants(pass: &'static Pass, settings: &ClampedSettings) -> impl Iterator<Item = Variant> + use<> {
+    blurs(settings).map(|blurs| pass.variant(Features::empty(), blurs))
 }
 
-impl Resolve {
-    pub const ALL: [Self; 3] = [Self::Apart, Self::InPlace, Self::InPlaceTiles];
+/// Variants for the front layer, in a scene with these features.
+pub(super) fn layer_variants(
+    pass: &'static Pass,
+    settings: &ClampedSettings,
+    scene: Features,
+) -> impl Iterator<Item = Variant> + use<> {
+    let features = layer_features(settings, scene);
+    let (blurs, without_probes) = (blurs(settings), features - Features::LIGHT_PROBES);
+    let all = [Some(without_probes), (features != without_probes).then_some(features)]
+        .into_iter()
+        .flatten();
+    all.flat_map(move |features| {
+        blurs
+            .clone()
+            .map(move |blurs| pass.variant(features, blurs | Options::FRONT_LAYER))
+    })
+}
 
-    /// `in_place` is true if compute shaders can write the frame, and `has_tiles` if the view has a tile list.
-    pub fn new(in_place: bool, has_tiles: bool) -> Self {
-        match (in_place, has_tiles) {
-            (false, _) => Self::Apart,
-            (true, true) => Self::InPlaceTiles,
-            (true, false) => Self::InPlace,
-        }
+/// Resolves the reflection of one view. Returns false if the pass isn't compiled.
+pub(super) fn run(
+    ctx: &mut RenderContext,
+    pipelines: &Pipelines,
+    pass: &'static Pass,
+    context: &PassContext,
+    surfaces: Surfaces,
+) -> bool {
+    let settings = &context.view.settings;
+    let mut blur = Options::empty();
+    blur.set(Options::BLUR, context.history().is_some() && denoise::blurs(settings));
+    let variants = [blur, Options::empty()].map(|blur| match surfaces {
+        Surfaces::Opaque => pass.variant(Features::empty(), blur),
+        Surfaces::FrontLayer => pass.variant(layer_features(settings, context.features), blur | Options::FRONT_LAYER),
+    });
+    let Some(mut compute) = pipelines.begin(ctx, context, variants, &[]) else {
+        return false;
+    };
+    if pass == RESOLVE_TILES {
+        compute.dispatch_workgroups_indirect(&context.targets().indirect_args, word_offset(TILE_DISPATCH));
+    } else {
+        let size = context.area().size();
+        compute.dispatch_workgroups(size.x.div_ceil(8), size.y.div_ceil(8), 1);
     }
-
-    pub fn shader_defs(self) -> Vec<ShaderDefVal> {
-        match self {
-            Self::Apart => vec![],
-            Self::InPlace => vec!["IN_PLACE".into()],
-            Self::InPlaceTiles => vec!["IN_PLACE".into(), "TILES".into()],
-        }
-    }
-
-    /// The pass. `others` are the environment, and the scene for passes that read light probes.
-    pub fn pass(self, others: OtherGroups) -> GBufferPass<ResolveVariant> {
-        let output = match self {
-            Self::Apart => Binding::written(REFLECTION_FORMAT, |context| context.targets().reflection.as_ref()),
-            Self::InPlace | Self::InPlaceTiles => Binding::read_written(FRAME_FORMAT, |context| Some(context.frame)),
-        };
-        // Without SSAO something must be bound; the shader doesn't read it.
-        let mut bindings = shown_bindings(|context| context.ssao.or_else(|| composited_radiance(context)));
-        bindings.push(output);
-        if self == Self::Apart {
-            bindings.push(Binding::floats(|context| Some(context.frame)));
-        }
-        if self == Self::InPlaceTiles {
-            bindings.extend([
-                Binding::words(|context| Some(&context.targets().indirect_args)),
-                Binding::words(|context| Some(&context.images()?.tile_list)),
-            ]);
-        }
-        GBufferPass::new("glint_resolve", bindings, others)
-    }
-
-    /// Resolves the reflection of one view. Returns false if the pass isn't compiled. `has_forward` is true if the scene has opaque
-    /// surfaces drawn in the forward pass.
-    pub fn run(
-        self,
-        ctx: &mut RenderContext,
-        pass: &GBufferPass<ResolveVariant>,
-        context: &PassContext,
-        surfaces: Surfaces,
-        has_forward: bool,
-    ) -> bool {
-        let settings = &context.view.settings;
-        let blurs = context.history().is_some() && denoise::blurs(settings);
-        let forward = has_forward && settings.forward && surfaces == Surfaces::FrontLayer;
-        // Either of the layer's variants replaces the other until that is compiled: at most, some ambient occlusion is missing.
-        let variants = [(blurs, forward), (false, forward), (blurs, !forward), (false, !forward)];
-        let variants = variants.map(|(blurs, forward)| ResolveVariant {
-            surfaces,
-            blurs,
-            forward,
-        });
-        let Some(mut pass) = pass.begin(ctx, context, variants, &[]) else {
-            return false;
-        };
-        if self == Self::InPlaceTiles {
-            pass.dispatch_workgroups_indirect(&context.targets().indirect_args, word_offset(TILE_DISPATCH));
-        } else {
-            let size = context.area().size();
-            pass.dispatch_workgroups(size.x.div_ceil(8), size.y.div_ceil(8), 1);
-        }
-        true
-    }
+    true
 }
 
 /// Bindings 5 to 9 of the passes that display reflections: the bindings of `denoise/blur.wesl`, with `second` as binding 6.

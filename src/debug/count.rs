@@ -2,55 +2,90 @@
 
 use crate::{
     composite::composited_radiance,
-    gbuffer::{Binding, GBufferPass, OtherGroups, PassContext},
+    gbuffer::{Binding, PassContext},
+    pipelines::{Failure, Options, Pass, Pipelines, Variant},
+    scene::Features,
 };
-use bevy::render::{
-    diagnostic::{DiagnosticsRecorder, RecordDiagnostics},
-    render_resource::{Buffer, BufferDescriptor, BufferUsages, binding_types},
-    renderer::{RenderContext, RenderDevice},
+use bevy::{
+    ecs::prelude::*,
+    render::{
+        diagnostic::{DiagnosticsRecorder, RecordDiagnostics},
+        render_resource::{Buffer, BufferDescriptor, BufferUsages, binding_types},
+        renderer::{RenderContext, RenderDevice},
+    },
 };
 use core::num::NonZeroU64;
 
 /// Words of the buffer written by `count.wesl`.
 const REPORT_WORDS: u64 = 8;
 
-/// Entry points of `count.wesl`, in the order in which they run.
-pub(super) const ENTRY_POINTS: [&str; 3] = ["count", "locate", "finish"];
+/// Counts.
+pub(crate) const COUNT: &Pass = &Pass {
+    label: "glint_debug_count",
+    shader: "debug/count.wesl",
+    entry_point: "count",
+    bindings: || {
+        let report = binding_types::storage_buffer_sized(false, NonZeroU64::new(4 * REPORT_WORDS));
+        vec![Binding::floats(composited_radiance), Binding::given(report)]
+    },
+    ..Pass::new(Failure::DEBUG)
+};
 
-/// The pass, with a variant for each of [`ENTRY_POINTS`].
-pub(super) fn pass() -> GBufferPass<&'static str> {
-    let report = binding_types::storage_buffer_sized(false, NonZeroU64::new(4 * REPORT_WORDS));
-    let bindings = vec![Binding::floats(composited_radiance), Binding::given(report)];
-    GBufferPass::new("glint_debug_count", bindings, OtherGroups::None)
+/// Finds the worst pixel.
+pub(crate) const LOCATE: &Pass = &Pass {
+    label: "glint_debug_locate",
+    entry_point: "locate",
+    ..*COUNT
+};
+
+/// Writes the report.
+pub(crate) const FINISH: &Pass = &Pass {
+    label: "glint_debug_finish",
+    entry_point: "finish",
+    ..*COUNT
+};
+
+/// The passes in the order in which they run.
+pub(super) fn variants() -> [Variant; 3] {
+    [COUNT, LOCATE, FINISH].map(|pass| pass.variant(Features::empty(), Options::empty()))
 }
 
 /// The result buffer, which all views use in turn.
-pub(super) fn create_report(device: &RenderDevice) -> Buffer {
-    device.create_buffer(&BufferDescriptor {
-        label: Some("glint_debug_report"),
-        size: 4 * REPORT_WORDS,
-        usage: BufferUsages::STORAGE | BufferUsages::COPY_SRC | BufferUsages::COPY_DST,
-        mapped_at_creation: false,
-    })
+#[derive(Resource)]
+pub(crate) struct Report(Buffer);
+
+impl FromWorld for Report {
+    fn from_world(world: &mut World) -> Self {
+        Self(world.resource::<RenderDevice>().create_buffer(&BufferDescriptor {
+            label: Some("glint_debug_report"),
+            size: 4 * REPORT_WORDS,
+            usage: BufferUsages::STORAGE | BufferUsages::COPY_SRC | BufferUsages::COPY_DST,
+            mapped_at_creation: false,
+        }))
+    }
 }
 
 /// Counts, and requests a readback of the result.
 pub(super) fn count_non_finite(
     ctx: &mut RenderContext,
-    pass: &GBufferPass<&'static str>,
-    report: &Buffer,
+    pipelines: &Pipelines,
+    Report(report): &Report,
     context: &PassContext,
     diagnostics: &DiagnosticsRecorder,
 ) {
-    let compiled = ENTRY_POINTS.map(|entry_point| pass.pipeline(&entry_point, context.cache));
-    let [Some(_), Some(locate), Some(finish)] = compiled else {
+    let [count, locate, finish] = variants();
+    let others = [locate, finish].map(|variant| pipelines.compute(context.cache, &variant));
+    let [Some(locate), Some(finish)] = others else {
         return;
     };
+    if !pipelines.is_compiled(context.cache, &count) {
+        return;
+    }
     ctx.command_encoder().clear_buffer(report, 0, None);
     let size = context.textures.size();
     {
         let given = [report.as_entire_binding()];
-        let Some(mut compute) = pass.begin(ctx, context, [ENTRY_POINTS[0]], &given) else {
+        let Some(mut compute) = pipelines.begin(ctx, context, [count], &given) else {
             return;
         };
         compute.dispatch_workgroups(size.x.div_ceil(8), size.y.div_ceil(8), 1);

@@ -5,27 +5,29 @@
 //! | `show`, `scales.wesl` | the debug views |
 //! | `sides.rs` | the columns that each of them covers |
 //! | `count` | the counters |
-//! | `pipelines.rs` | compilation and execution of both |
+//! | `passes.rs` | the system that runs both |
 
 mod count;
-mod pipelines;
+mod passes;
 mod show;
 mod sides;
 
-pub(crate) use pipelines::{DebugPipelines, show_debug_views, show_front_layer};
+pub(crate) use count::{COUNT, FINISH, LOCATE};
+pub(crate) use passes::{request_debug_passes, show_debug_views, show_front_layer};
+pub(crate) use show::{SHOW_INTERMEDIATE, SHOW_REFLECTION};
 
-use crate::{device::tracing_app, schedule::ReflectionSystems};
+use crate::{device::tracing_app, schedule::ReflectionSystems, trace::request_trace_passes};
 use bevy::{
     app::{App, Plugin},
     asset::embedded_asset,
     core_pipeline::schedule::Core3d,
     ecs::schedule::IntoScheduleConfigs,
-    render::{Render, RenderApp, RenderStartup},
+    render::{GpuResourceAppExt, Render, RenderApp},
     shader::load_shader_library,
 };
-use pipelines::{init_debug_pipelines, queue_debug_pipelines};
+use count::Report;
 
-/// Registers the shaders, pipelines and systems of this folder.
+/// Registers the shaders and systems of this folder.
 pub(crate) struct DebugPlugin;
 
 impl Plugin for DebugPlugin {
@@ -41,8 +43,13 @@ impl Plugin for DebugPlugin {
     fn finish(&self, app: &mut App) {
         let Some(render_app) = tracing_app(app) else { return };
         render_app
-            .add_systems(RenderStartup, init_debug_pipelines)
-            .add_systems(Render, queue_debug_pipelines.in_set(ReflectionSystems::QueuePipelines))
+            .init_gpu_resource::<Report>()
+            .add_systems(
+                Render,
+                request_debug_passes
+                    .after(request_trace_passes)
+                    .in_set(ReflectionSystems::QueuePipelines),
+            )
             .add_systems(Core3d, show_debug_views.in_set(ReflectionSystems::DebugViews));
     }
 }

@@ -5,19 +5,18 @@ use crate::{
     composite::{Surfaces, composited_radiance, history, or_gbuffer, shown_bindings},
     denoise,
     device::FRAME_FORMAT,
-    gbuffer::{Binding, GBufferPass, OtherGroups, PassContext},
+    gbuffer::{Binding, PassContext},
+    pipelines::{Failure, Groups, Options, Pass, Pipelines, Variant},
+    scene::Features,
     settings::{ClampedSettings, RATE_LEGEND, ReflectionDebugView},
 };
-use bevy::{
-    render::{
-        render_resource::{
-            BufferInitDescriptor, BufferUsages, IntoBinding, StorageTextureAccess, TextureSampleType, TextureView,
-            binding_types,
-        },
-        renderer::RenderContext,
-        view::ViewTarget,
+use bevy::render::{
+    render_resource::{
+        BufferInitDescriptor, BufferUsages, IntoBinding, StorageTextureAccess, TextureSampleType, TextureView,
+        binding_types,
     },
-    shader::ShaderDefVal,
+    renderer::RenderContext,
+    view::ViewTarget,
 };
 use bytemuck::{Pod, Zeroable};
 use core::num::NonZeroU64;
@@ -41,84 +40,87 @@ struct GpuDebugSettings {
     legend: [[f32; 4]; RATE_LEGEND.len()],
 }
 
-/// A variant of `show.wesl`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub(super) enum ShowPass {
-    /// Shows the light that the composite adds.
-    Reflection,
-    /// Shows a texture before the composite.
-    Intermediate,
+/// Shows the light that the composite adds.
+pub(crate) const SHOW_REFLECTION: &Pass = &Pass {
+    label: "glint_debug_reflection",
+    shader: "debug/show.wesl",
+    entry_point: "show",
+    bindings: || {
+        let mut bindings = shown_bindings(|context| or_radiance(context, context.ssao));
+        bindings.extend(frame_bindings());
+        bindings
+    },
+    groups: Groups::Environment,
+    options: Options::REFLECTION,
+    ..Pass::new(Failure::DEBUG)
+};
+
+/// Shows a texture before the composite.
+pub(crate) const SHOW_INTERMEDIATE: &Pass = &Pass {
+    label: "glint_debug_intermediate",
+    bindings: intermediate_bindings,
+    groups: Groups::None,
+    options: Options::empty(),
+    ..*SHOW_REFLECTION
+};
+
+/// Both frames, and the settings.
+fn frame_bindings() -> [Binding; 3] {
+    let size = NonZeroU64::new(size_of::<GpuDebugSettings>() as u64);
+    [
+        Binding::given(binding_types::texture_2d(TextureSampleType::Float {
+            filterable: false,
+        })),
+        Binding::given(binding_types::texture_storage_2d(
+            FRAME_FORMAT,
+            StorageTextureAccess::WriteOnly,
+        )),
+        Binding::given(binding_types::uniform_buffer_sized(false, size)),
+    ]
 }
 
-impl ShowPass {
-    pub const ALL: [Self; 2] = [Self::Reflection, Self::Intermediate];
+fn intermediate_bindings() -> Vec<Binding> {
+    let mut bindings =
+        shown_bindings(|context| or_radiance(context, context.images().map(|images| &images.ray_radiance)));
+    bindings.extend(frame_bindings());
+    bindings.extend([
+        Binding::integers(|context| or_gbuffer(context, context.images().map(|images| &images.ray_sample))),
+        Binding::floats(|context| {
+            or_radiance(
+                context,
+                context.images().and_then(|images| images.reconstructed.as_ref()),
+            )
+        }),
+        Binding::integers(|context| {
+            or_gbuffer(
+                context,
+                context.images().and_then(|images| images.reconstructed_stats.as_ref()),
+            )
+        }),
+        Binding::floats(|context| {
+            or_radiance(
+                context,
+                history(context).map(|history| &history.radiance[context.now()]),
+            )
+        }),
+    ]);
+    bindings
+}
 
-    pub fn of(view: ReflectionDebugView) -> Self {
-        if view == ReflectionDebugView::Reflection {
-            Self::Reflection
-        } else {
-            Self::Intermediate
-        }
-    }
+/// The pass that draws a debug view. `blurs` is true if it blurs its input, as the composite does.
+fn variant(view: ReflectionDebugView, blurs: bool) -> Variant {
+    let mut options = Options::empty();
+    options.set(Options::BLUR, blurs && view == ReflectionDebugView::Reflection);
+    let pass = match view {
+        ReflectionDebugView::Reflection => SHOW_REFLECTION,
+        _ => SHOW_INTERMEDIATE,
+    };
+    pass.variant(Features::empty(), options)
+}
 
-    /// Returns whether the pass blurs its input, as the composite does.
-    pub fn blurs(self, settings: &ClampedSettings) -> bool {
-        self == Self::Reflection && denoise::blurs(settings)
-    }
-
-    pub fn shader_defs(self, blurs: bool) -> Vec<ShaderDefVal> {
-        let defs = [("REFLECTION", self == Self::Reflection), ("BLUR", blurs)];
-        defs.into_iter()
-            .filter(|(_, holds)| *holds)
-            .map(|(name, _)| name.into())
-            .collect()
-    }
-
-    /// The pass, in variants with and without blur.
-    pub fn pass(self) -> GBufferPass<bool> {
-        let size = NonZeroU64::new(size_of::<GpuDebugSettings>() as u64);
-        let mut bindings = match self {
-            Self::Reflection => shown_bindings(|context| or_radiance(context, context.ssao)),
-            Self::Intermediate => {
-                shown_bindings(|context| or_radiance(context, context.images().map(|images| &images.ray_radiance)))
-            }
-        };
-        bindings.extend([
-            Binding::given(binding_types::texture_2d(TextureSampleType::Float {
-                filterable: false,
-            })),
-            Binding::given(binding_types::texture_storage_2d(
-                FRAME_FORMAT,
-                StorageTextureAccess::WriteOnly,
-            )),
-            Binding::given(binding_types::uniform_buffer_sized(false, size)),
-        ]);
-        if self == Self::Reflection {
-            return GBufferPass::new("glint_debug_reflection", bindings, OtherGroups::Environment);
-        }
-        bindings.extend([
-            Binding::integers(|context| or_gbuffer(context, context.images().map(|images| &images.ray_sample))),
-            Binding::floats(|context| {
-                or_radiance(
-                    context,
-                    context.images().and_then(|images| images.reconstructed.as_ref()),
-                )
-            }),
-            Binding::integers(|context| {
-                or_gbuffer(
-                    context,
-                    context.images().and_then(|images| images.reconstructed_stats.as_ref()),
-                )
-            }),
-            Binding::floats(|context| {
-                or_radiance(
-                    context,
-                    history(context).map(|history| &history.radiance[context.now()]),
-                )
-            }),
-        ]);
-        GBufferPass::new("glint_debug_intermediate", bindings, OtherGroups::None)
-    }
+/// The variants for a debug view. Without history there is nothing to blur.
+pub(super) fn variants(view: ReflectionDebugView, settings: &ClampedSettings) -> [Variant; 2] {
+    [false, denoise::blurs(settings)].map(|blurs| variant(view, blurs))
 }
 
 /// A texture to bind instead of a missing one; the shader doesn't read it.
@@ -129,14 +131,15 @@ fn or_radiance<'a>(context: &PassContext<'a>, texture: Option<&'a TextureView>) 
 /// Draws one side of a view, from one texture of the frame into the other. `context` belongs to `surfaces`.
 pub(super) fn show_side(
     ctx: &mut RenderContext,
-    pass: &GBufferPass<bool>,
+    pipelines: &Pipelines,
     context: &PassContext,
     surfaces: Surfaces,
     target: &ViewTarget,
     side: &Side,
 ) {
-    let blurs = context.history().is_some() && ShowPass::of(side.view).blurs(&context.view.settings);
-    if pass.pipeline(&blurs, context.cache).is_none() {
+    let blurs = context.history().is_some() && denoise::blurs(&context.view.settings);
+    let variant = variant(side.view, blurs);
+    if !pipelines.is_compiled(context.cache, &variant) {
         return;
     }
     let bound = context.images().map_or(0, |_| HAS_PIPELINE) | history(context).map_or(0, |_| HAS_HISTORY);
@@ -161,7 +164,7 @@ pub(super) fn show_side(
         frame.destination.into_binding(),
         settings.as_entire_binding(),
     ];
-    if let Some(mut compute) = pass.begin(ctx, context, [blurs], &given) {
+    if let Some(mut compute) = pipelines.begin(ctx, context, [variant], &given) {
         let size = target.main_texture().size();
         compute.dispatch_workgroups(size.width.div_ceil(8), size.height.div_ceil(8), 1);
     }

@@ -14,26 +14,24 @@
 //! The passes that display the reflection also blur it (`blur.wesl`).
 
 mod one_pass;
-mod pipelines;
+mod passes;
 mod reconstruct;
 mod temporal;
 mod tiles;
 
-pub use pipelines::DenoisePipelines;
+pub(crate) use one_pass::ONE_PASS;
+pub(crate) use passes::{blurs, denoise, needed, result, variants};
+pub(crate) use reconstruct::RECONSTRUCT;
+pub(crate) use temporal::TEMPORAL;
 
-pub(crate) use pipelines::{blurs, denoise, result};
-
-use crate::{device::tracing_app, schedule::ReflectionSystems};
 use bevy::{
     app::{App, Plugin},
     asset::embedded_asset,
-    ecs::schedule::IntoScheduleConfigs,
-    render::{Render, RenderApp, RenderStartup},
+    render::RenderApp,
     shader::load_shader_library,
 };
-use pipelines::{init_denoise_pipelines, queue_denoise_pipelines};
 
-/// Registers the shaders and pipelines of this folder.
+/// Registers the shaders of this folder.
 pub(crate) struct DenoisePlugin;
 
 impl Plugin for DenoisePlugin {
@@ -52,15 +50,5 @@ impl Plugin for DenoisePlugin {
         embedded_asset!(app, "one_pass.wesl");
         embedded_asset!(app, "reconstruct.wesl");
         embedded_asset!(app, "temporal.wesl");
-    }
-
-    fn finish(&self, app: &mut App) {
-        let Some(render_app) = tracing_app(app) else { return };
-        render_app
-            .add_systems(RenderStartup, init_denoise_pipelines)
-            .add_systems(
-                Render,
-                queue_denoise_pipelines.in_set(ReflectionSystems::QueuePipelines),
-            );
     }
 }

@@ -1,8 +1,12 @@
 //! The pass of `one_pass.wesl`.
 
-use super::{temporal, tiles::PassVariant};
-use crate::gbuffer::{GBufferPass, OtherGroups};
+use super::temporal;
+use crate::pipelines::{Failure, Pass};
 
-pub(super) fn pass() -> GBufferPass<PassVariant> {
-    GBufferPass::new("glint_denoise", temporal::bindings(), OtherGroups::None)
-}
+pub(crate) const ONE_PASS: &Pass = &Pass {
+    label: "glint_denoise",
+    shader: "denoise/one_pass.wesl",
+    entry_point: "denoise",
+    bindings: temporal::bindings,
+    ..Pass::new(Failure::DENOISER)
+};

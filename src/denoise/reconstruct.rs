@@ -1,19 +1,28 @@
-//! Bindings of `reconstruct.wesl`.
+//! The pass of `reconstruct.wesl`.
 
-use super::tiles::{self, PassVariant};
+use super::tiles;
 use crate::{
-    gbuffer::{Binding, GBufferPass, OtherGroups},
+    gbuffer::Binding,
+    pipelines::{Failure, Pass},
     targets::{RADIANCE_FORMAT, STATS_FORMAT},
 };
 
-pub(super) fn pass() -> GBufferPass<PassVariant> {
+pub(crate) const RECONSTRUCT: &Pass = &Pass {
+    label: "glint_reconstruct",
+    shader: "denoise/reconstruct.wesl",
+    entry_point: "reconstruct",
+    bindings,
+    ..Pass::new(Failure::DENOISER)
+};
+
+fn bindings() -> Vec<Binding> {
     let mut bindings = tiles::bindings();
     bindings.extend(ray_bindings());
     bindings.extend([
         Binding::written(RADIANCE_FORMAT, |context| context.images()?.reconstructed.as_ref()),
         Binding::written(STATS_FORMAT, |context| context.images()?.reconstructed_stats.as_ref()),
     ]);
-    GBufferPass::new("glint_reconstruct", bindings, OtherGroups::None)
+    bindings
 }
 
 /// The rays, and the table for their weights.

@@ -1,17 +1,19 @@
-//! Bindings of `temporal.wesl`.
+//! The pass of `temporal.wesl`.
 
-use super::{
-    reconstruct::ray_bindings,
-    tiles::{self, PassVariant},
-};
+use super::{reconstruct::ray_bindings, tiles};
 use crate::{
-    gbuffer::{Binding, GBufferPass, OtherGroups},
+    gbuffer::Binding,
+    pipelines::{Failure, Pass},
     targets::{HISTORY_SURFACE_FORMAT, RADIANCE_FORMAT, STATS_FORMAT},
 };
 
-pub(super) fn pass() -> GBufferPass<PassVariant> {
-    GBufferPass::new("glint_temporal", bindings(), OtherGroups::None)
-}
+pub(crate) const TEMPORAL: &Pass = &Pass {
+    label: "glint_temporal",
+    shader: "denoise/temporal.wesl",
+    entry_point: "temporal",
+    bindings,
+    ..Pass::new(Failure::DENOISER)
+};
 
 /// The bindings of this pass, and of the joint pass with the reconstruction. This pass doesn't read the rays. The joint pass doesn't read
 /// the reconstruction; if there is none, other textures of the same kind are bound instead.

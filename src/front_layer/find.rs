@@ -6,17 +6,16 @@ use super::{
 };
 use crate::{
     common::MAX_WORKGROUPS,
-    gbuffer::{Binding, GBufferPass, OtherGroups, PassContext, PassShader},
-    rate::RatePipelines,
+    gbuffer::{Binding, PassContext},
+    pipelines::{Failure, Groups, Options, Pass, Pipelines, Variant},
+    rate,
     scene::{Features, Passes, SceneBindings},
     settings::{ClampedSettings, FrontLayerShader, ReflectionView},
 };
 use bevy::{
-    asset::{AssetServer, Handle, load_embedded_asset},
+    asset::Handle,
     camera::Camera3d,
     ecs::prelude::*,
-    log::error_once,
-    platform::collections::HashSet,
     render::{
         Extract,
         globals::{GlobalsBuffer, GlobalsUniform},
@@ -31,45 +30,26 @@ use bevy::{
 };
 use core::num::NonZeroU64;
 
-/// A variant of the pass.
-#[derive(Clone, Debug, PartialEq, Eq, Hash)]
-struct FindVariant {
-    /// `FORWARD_SURFACES` is set if the view wants them and the scene has some.
-    features: Features,
-    /// The app's shader, instead of `find.wesl`.
-    own: Option<Handle<Shader>>,
-}
+/// The pass. Its variants have the feature `FORWARD_SURFACES` if the view wants them and the scene has some.
+pub(crate) const FIND: &Pass = &Pass {
+    label: "glint_find_front_layer",
+    shader: "front_layer/find.wesl",
+    sees: Passes::FRONT_LAYER,
+    entry_point: "find",
+    bindings,
+    groups: Groups::Scene,
+    options: Options::FRONT_LAYER,
+    ..Pass::new(Failure::FRONT_LAYER)
+};
 
-/// The pass in its variants.
-#[derive(Resource)]
-pub(super) struct FindPass {
-    shader: Handle<Shader>,
-    pass: GBufferPass<FindVariant>,
-    /// Features of the scene.
-    features: Features,
-    /// The app's shader.
-    own: Option<Handle<Shader>>,
-}
-
-/// Updates the app's shader.
-pub(super) fn extract_shader(own: Extract<Option<Res<FrontLayerShader>>>, find: Option<ResMut<FindPass>>) {
-    let own = own.as_ref().map(|own| &own.0);
-    if let Some(mut find) = find
-        && find.own.as_ref() != own
-    {
-        find.own = own.cloned();
-    }
-}
-
-/// Declares the bindings of the pass.
-pub(super) fn init_find_pass(mut commands: Commands, asset_server: Res<AssetServer>, scene: Res<SceneBindings>) {
+fn bindings() -> Vec<Binding> {
     let written = |format: TextureFormat| {
         Binding::given(binding_types::texture_storage_2d(
             format,
             StorageTextureAccess::WriteOnly,
         ))
     };
-    let bindings = vec![
+    vec![
         written(WORDS_FORMAT),
         written(MOTION_FORMAT),
         written(DEPTH_FORMAT),
@@ -81,27 +61,32 @@ pub(super) fn init_find_pass(mut commands: Commands, asset_server: Res<AssetServ
         Binding::given(binding_types::texture_2d(TextureSampleType::Float {
             filterable: false,
         })),
-    ];
-    let groups = OtherGroups::SceneAndEnvironment(scene.layout.clone());
-    commands.insert_resource(FindPass {
-        shader: load_embedded_asset!(asset_server.as_ref(), "find.wesl"),
-        pass: GBufferPass::new("glint_find_front_layer", bindings, groups),
-        features: Features::empty(),
-        own: None,
-    });
+    ]
+}
+
+/// The app's shader, which modifies the surfaces.
+#[derive(Resource, Default)]
+pub(super) struct OwnShader(Option<Handle<Shader>>);
+
+impl OwnShader {
+    /// Returns whether the app modifies the surfaces, which can change at any time.
+    pub fn is_there(&self) -> bool {
+        self.0.is_some()
+    }
+}
+
+/// Updates the app's shader.
+pub(super) fn extract_shader(own: Extract<Option<Res<FrontLayerShader>>>, mut known: ResMut<OwnShader>) {
+    let own = own.as_ref().map(|own| &own.0);
+    if known.0.as_ref() != own {
+        known.0 = own.cloned();
+    }
 }
 
 /// Returns whether a view needs a layer for objects of the scene.
 fn wants_layer(view: &ReflectionView, scene: &SceneBindings) -> bool {
     let has_glass = scene.see_through.entities().next().is_some();
     (view.settings.transparent && has_glass) || (view.settings.forward && scene.has_forward_surfaces())
-}
-
-/// Requests rates of parts of a view as soon as a camera needs the layer in a scene with such objects.
-pub(super) fn request_rates(views: Query<&ReflectionView>, mut rate: ResMut<RatePipelines>, scene: Res<SceneBindings>) {
-    for view in views.iter().filter(|view| wants_layer(view, &scene)) {
-        rate.request_parts(&view.rate);
-    }
 }
 
 /// Makes the depth of views readable for shaders if their layer can contain opaque surfaces, since objects without a prepass can cover
@@ -123,120 +108,83 @@ fn readable_depth(depth: Option<&ViewDepthStencilTexture>) -> Option<&TextureVie
     is_readable.then_some(&texture.default_view)
 }
 
-/// Queues the pass under the same conditions.
-pub(super) fn queue_find_pass(
+/// Requests the pass, and rates of parts of a view, for cameras that need the layer in a scene with such objects.
+pub(super) fn request_find_pass(
     views: Query<&ReflectionView>,
-    mut find: ResMut<FindPass>,
+    mut pipelines: ResMut<Pipelines>,
+    own: Res<OwnShader>,
     scene: Res<SceneBindings>,
     cache: Res<PipelineCache>,
 ) {
-    find.features = scene.features();
-    let views = views.iter().filter(|view| wants_layer(view, &scene));
-    let wanted: HashSet<_> = views
-        .flat_map(|view| {
-            let features = find.features_of(&view.settings);
-            [find.own.clone(), None].map(|own| FindVariant { features, own })
-        })
-        .collect();
-    let FindPass {
-        shader,
-        pass,
-        own: current,
-        ..
-    } = &mut *find;
-    for wanted in wanted {
-        let FindVariant { features, own } = wanted.clone();
-        pass.queue(wanted, &cache, || {
-            let mut defs = scene.definitions(features);
-            defs.push("FRONT_LAYER".into());
-            PassShader {
-                entry_point: own.is_none().then_some("find"),
-                shader: own.unwrap_or_else(|| shader.clone()),
-                defs,
-            }
-        });
-    }
-    for (failed, error) in pass.errors(&cache) {
-        if failed.own.is_none() {
-            error_once!(
-                "transparent and forward surfaces show no ray-traced reflections, since the shader that finds them failed: {error}"
-            );
-        } else if failed.own == *current {
-            error_once!(
-                "the shader of `FrontLayerShader` failed, so that reflections follow normal maps alone: {error}"
-            );
-        }
+    for view in views.iter().filter(|view| wants_layer(view, &scene)) {
+        pipelines.want(&cache, rate::variants_of_parts(&view.rate));
+        pipelines.want(&cache, variants(&view.settings, scene.features(), &own));
     }
 }
 
-impl FindPass {
-    /// The features for a view with these settings.
-    fn features_of(&self, settings: &ClampedSettings) -> Features {
-        // See-through surfaces need the alpha test.
-        let mut features = self.features.seen_by(Passes::FRONT_LAYER) | Features::MASKED;
-        if !settings.forward {
-            features -= Features::FORWARD_SURFACES;
-        }
-        features
+/// The pass for a view in a scene with these features: with the app's shader, and without it.
+fn variants(settings: &ClampedSettings, scene: Features, own: &OwnShader) -> impl Iterator<Item = Variant> + use<> {
+    // See-through surfaces need the alpha test.
+    let mut features = scene.seen_by(FIND.sees) | Features::MASKED;
+    if !settings.forward {
+        features -= Features::FORWARD_SURFACES;
     }
+    let library = FIND.variant(features, Options::empty());
+    let own = own.0.clone().map(|own| Variant {
+        own: Some(own),
+        ..library.clone()
+    });
+    own.into_iter().chain([library])
+}
 
-    /// The compiled variant that lacks the fewest requested features: the app's shader if that is compiled, and forward surfaces only for
-    /// views that also want glass. If the stack is too small, some surfaces are missed, and without layers, too many are found: better than
-    /// nothing.
-    fn variant_of(&self, settings: &ClampedSettings, cache: &PipelineCache) -> Option<FindVariant> {
-        let wanted = self.features_of(settings);
-        // For a view without forward surfaces, the pass must find none.
-        let mut spare = Features::HARMLESS;
-        spare.set(Features::FORWARD_SURFACES, settings.forward);
-        let variants = [self.own.as_ref(), None].into_iter().filter_map(|own| {
-            let compiled = self.pass.compiled(cache).filter(|variant| variant.own.as_ref() == own);
-            let compiled = compiled.map(|variant| variant.features);
-            let fit = wanted.best_of(compiled, spare)?;
-            Some((fit, own))
-        });
-        let (fit, own) = variants.min_by_key(|(fit, _)| fit.loss())?;
-        let finds = settings.transparent || fit.features.contains(Features::FORWARD_SURFACES);
-        finds.then(|| FindVariant {
-            features: fit.features,
-            own: own.cloned(),
-        })
-    }
+/// The compiled variant that lacks the fewest requested features: the app's shader if that is compiled, and forward surfaces only for
+/// views that also want glass. If the stack is too small, some surfaces are missed, and without layers, too many are found: better than
+/// nothing.
+fn best_variant(pipelines: &Pipelines, context: &PassContext, own: &OwnShader) -> Option<Variant> {
+    let settings = &context.view.settings;
+    // For a view without forward surfaces, the pass must find none.
+    let mut spare = Features::HARMLESS;
+    spare.set(Features::FORWARD_SURFACES, settings.forward);
+    let fits = variants(settings, context.features, own).filter_map(|variant| {
+        let fit = pipelines.best(context.cache, &variant, spare)?;
+        Some((fit, variant))
+    });
+    let (fit, variant) = fits.min_by_key(|(fit, _)| fit.loss())?;
+    let finds = settings.transparent || fit.features.contains(Features::FORWARD_SURFACES);
+    finds.then_some(Variant {
+        features: fit.features,
+        ..variant
+    })
+}
 
-    /// Returns whether the app modifies the surfaces, which can change at any time.
-    pub fn is_own(&self) -> bool {
-        self.own.is_some()
-    }
-
-    /// Finds the layer of a view. `context` belongs to its opaque surfaces, and its main passes draw `depth`. Returns false if the pass
-    /// isn't compiled.
-    pub fn run(
-        &self,
-        ctx: &mut RenderContext,
-        context: &PassContext,
-        layer: &LayerTextures,
-        gpu_rects: &UniformBuffer<GpuRects>,
-        globals: &GlobalsBuffer,
-        depth: Option<&ViewDepthStencilTexture>,
-    ) -> bool {
-        let (Some(binding), Some(globals)) = (gpu_rects.binding(), globals.buffer.binding()) else {
-            return false;
-        };
-        let given: [BindingResource; 7] = [
-            layer.words.into_binding(),
-            layer.motion.into_binding(),
-            layer.depth.into_binding(),
-            layer.packed_normals.as_entire_binding(),
-            binding,
-            globals,
-            readable_depth(depth).unwrap_or(context.gbuffer.depth).into_binding(),
-        ];
-        let settings = &context.view.settings;
-        let variant = self.variant_of(settings, context.cache);
-        let Some(mut pass) = self.pass.begin(ctx, context, variant, &given) else {
-            return false;
-        };
-        let groups = gpu_rects.get().groups();
-        pass.dispatch_workgroups(groups.min(MAX_WORKGROUPS), groups.div_ceil(MAX_WORKGROUPS), 1);
-        true
-    }
+/// Finds the layer of a view. `context` belongs to its opaque surfaces, and its main passes draw `depth`. Returns false if the pass isn't
+/// compiled.
+pub(super) fn find(
+    ctx: &mut RenderContext,
+    (pipelines, own): (&Pipelines, &OwnShader),
+    context: &PassContext,
+    layer: &LayerTextures,
+    gpu_rects: &UniformBuffer<GpuRects>,
+    globals: &GlobalsBuffer,
+    depth: Option<&ViewDepthStencilTexture>,
+) -> bool {
+    let (Some(binding), Some(globals)) = (gpu_rects.binding(), globals.buffer.binding()) else {
+        return false;
+    };
+    let given: [BindingResource; 7] = [
+        layer.words.into_binding(),
+        layer.motion.into_binding(),
+        layer.depth.into_binding(),
+        layer.packed_normals.as_entire_binding(),
+        binding,
+        globals,
+        readable_depth(depth).unwrap_or(context.gbuffer.depth).into_binding(),
+    ];
+    let variant = best_variant(pipelines, context, own);
+    let Some(mut pass) = pipelines.begin(ctx, context, variant, &given) else {
+        return false;
+    };
+    let groups = gpu_rects.get().groups();
+    pass.dispatch_workgroups(groups.min(MAX_WORKGROUPS), groups.div_ceil(MAX_WORKGROUPS), 1);
+    true
 }

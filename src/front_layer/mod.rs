@@ -24,8 +24,12 @@ mod textures;
 
 pub use prepare::FrontLayer;
 
+pub(crate) use find::FIND;
+
 use crate::{
-    debug::show_debug_views, device::tracing_app, scene::SceneBindings, schedule::ReflectionSystems,
+    debug::{request_debug_passes, show_debug_views},
+    device::tracing_app,
+    schedule::ReflectionSystems,
     view::PreparedViews,
 };
 use bevy::{
@@ -37,11 +41,11 @@ use bevy::{
     },
     ecs::schedule::IntoScheduleConfigs,
     pbr::main_transmissive_pass_3d,
-    render::{ExtractSchedule, Render, RenderApp, RenderStartup, RenderSystems, init_gpu_resource},
+    render::{ExtractSchedule, Render, RenderApp, RenderSystems},
     shader::load_shader_library,
 };
 use boxes::{LayerBoxes, extract_boxes};
-use find::{extract_shader, init_find_pass, keep_depth_readable, queue_find_pass, request_rates};
+use find::{OwnShader, extract_shader, keep_depth_readable, request_find_pass};
 use forward::note_forward_materials;
 use passes::{find_front_layers, reflect_on_front_layers, reflect_on_opaque_layers, show_front_layers};
 use prepare::prepare_front_layers;
@@ -61,7 +65,7 @@ impl Plugin for FrontLayerPlugin {
         let Some(render_app) = tracing_app(app) else { return };
         render_app
             .init_resource::<LayerBoxes>()
-            .add_systems(RenderStartup, init_find_pass.after(init_gpu_resource::<SceneBindings>))
+            .init_resource::<OwnShader>()
             .add_systems(
                 ExtractSchedule,
                 (extract_boxes, extract_shader).in_set(ReflectionSystems::ExtractScene),
@@ -73,11 +77,9 @@ impl Plugin for FrontLayerPlugin {
                     note_forward_materials
                         .after(RenderSystems::Specialize)
                         .before(ReflectionSystems::PrepareScene),
-                    request_rates
-                        .after(ReflectionSystems::RequestPipelines)
-                        .before(ReflectionSystems::QueuePipelines)
-                        .in_set(RenderSystems::PrepareResourcesFlush),
-                    queue_find_pass.in_set(ReflectionSystems::QueuePipelines),
+                    request_find_pass
+                        .after(request_debug_passes)
+                        .in_set(ReflectionSystems::QueuePipelines),
                     keep_depth_readable
                         .in_set(RenderSystems::PrepareViews)
                         .ambiguous_with(RenderSystems::PrepareViews),

@@ -2,12 +2,16 @@
 //! glass and the like are added after that, together with reflections on opaque surfaces. While all of the layer is opaque, they are
 //! added before, so that particles and the like are drawn over them.
 
-use super::{find::FindPass, prepare::FrontLayer};
+use super::{
+    find::{self, OwnShader},
+    prepare::FrontLayer,
+};
 use crate::{
     composite::Surfaces,
-    debug::{DebugPipelines, show_front_layer},
+    debug::show_front_layer,
     gbuffer::{GBufferBindings, PassContext},
     passes::{PassPipelines, record_counters},
+    pipelines::Pipelines,
     settings::ReflectionDebugView,
     trace::{PassResources, PassView, VrsPass},
 };
@@ -23,30 +27,19 @@ use bevy::{
 use core::sync::atomic::Ordering;
 
 /// The context of the passes with the layer instead of Bevy's G-buffer.
-fn context_of<'a>(opaque: &PassContext<'a>, front: &'a FrontLayer) -> Option<PassContext<'a>> {
+fn context_of<'a>(opaque: PassContext<'a>, front: &'a FrontLayer) -> Option<PassContext<'a>> {
     Some(PassContext {
-        entity: opaque.entity,
         gbuffer: GBufferBindings {
-            view: opaque.gbuffer.view.clone(),
             settings: front.textures.uniform.binding()?,
             depth: &front.layer.depth,
             gbuffer: &front.layer.words,
-            normals: opaque.gbuffer.normals,
+            ..opaque.gbuffer
         },
-        view_offset: opaque.view_offset,
         motion: opaque.motion.map(|_| &front.layer.motion),
         view: &front.view,
         textures: &front.textures,
-        cache: opaque.cache,
-        scene: opaque.scene,
-        environment: opaque.environment,
-        contents: opaque.contents,
-        ssao: opaque.ssao,
-        albedo_table: opaque.albedo_table,
-        noise: opaque.noise,
-        frame: opaque.frame,
-        screen: opaque.screen,
         tiles: Some(front.tiles),
+        ..opaque
     })
 }
 
@@ -54,7 +47,8 @@ fn context_of<'a>(opaque: &PassContext<'a>, front: &'a FrontLayer) -> Option<Pas
 pub(super) fn find_front_layers(
     view: ViewQuery<(PassView, &FrontLayer, Option<&ViewDepthStencilTexture>)>,
     resources: PassResources,
-    find: Option<Res<FindPass>>,
+    pipelines: Option<Res<Pipelines>>,
+    own_shader: Res<OwnShader>,
     globals: Res<GlobalsBuffer>,
     mut ctx: RenderContext,
 ) {
@@ -63,13 +57,22 @@ pub(super) fn find_front_layers(
     if front.rects.is_empty() {
         return;
     }
-    let (Some(find), Some(context)) = (find, resources.context(entity, &view)) else {
+    let (Some(pipelines), Some(context)) = (pipelines, resources.context(entity, &view)) else {
         return;
     };
     let diagnostics = ctx.diagnostic_recorder();
     let diagnostics = diagnostics.as_deref();
     let span = diagnostics.time_span(ctx.command_encoder(), "glint_find_front_layer");
-    let is_found = find.run(&mut ctx, &context, &front.layer, &front.gpu_rects, &globals, depth);
+    let passes = (&*pipelines, &*own_shader);
+    let is_found = find::find(
+        &mut ctx,
+        passes,
+        &context,
+        &front.layer,
+        &front.gpu_rects,
+        &globals,
+        depth,
+    );
     if is_found {
         front.layer.copy_normals(&mut ctx, &context, &front.rects);
     }
@@ -120,7 +123,7 @@ fn reflect_on_layer(
     let opaque = resources.context(entity, &view);
     let (Some(passes), Some(context)) = (
         pipelines.passes(resources.trace.as_deref(), diagnostics),
-        opaque.and_then(|opaque| context_of(&opaque, front)),
+        opaque.and_then(|opaque| context_of(opaque, front)),
     ) else {
         return;
     };
@@ -139,7 +142,7 @@ fn reflect_on_layer(
 pub(super) fn show_front_layers(
     view: ViewQuery<(PassView, &FrontLayer)>,
     resources: PassResources,
-    pipelines: Option<Res<DebugPipelines>>,
+    pipelines: Option<Res<Pipelines>>,
     mut ctx: RenderContext,
 ) {
     let entity = view.entity();
@@ -153,7 +156,7 @@ pub(super) fn show_front_layers(
         return;
     }
     let opaque = resources.context(entity, &view);
-    let context = opaque.and_then(|opaque| context_of(&opaque, front));
+    let context = opaque.and_then(|opaque| context_of(opaque, front));
     if let (Some(pipelines), Some(context)) = (pipelines, context) {
         let diagnostics = ctx.diagnostic_recorder();
         let diagnostics = diagnostics.as_deref();

@@ -2,7 +2,7 @@
 
 use super::{
     boxes::LayerBoxes,
-    find::FindPass,
+    find::OwnShader,
     rects::{GpuRects, disjoint, screen_rects},
     textures::LayerTextures,
 };
@@ -132,7 +132,7 @@ impl FrontLayer {
 pub(super) fn prepare_front_layers(
     mut views: Query<(PreparedView, Option<&mut FrontLayer>, Option<&mut ViewPrepassTextures>)>,
     surroundings: Surroundings,
-    (boxes, find): (Res<LayerBoxes>, Option<Res<FindPass>>),
+    (boxes, own_shader): (Res<LayerBoxes>, Res<OwnShader>),
     (in_place, device, queue): (Res<WritesInPlace>, Res<RenderDevice>, Res<RenderQueue>),
     mut refused: Local<HashMap<Entity, MemoryRetry>>,
     mut shortage: ResMut<RefusedViews>,
@@ -195,7 +195,7 @@ pub(super) fn prepare_front_layers(
         };
         front.has_see_through = has_see_through;
         front.set_rects(&rects, &device, &queue);
-        front.begin_frame(view.view, frame, find.as_ref().is_some_and(|find| find.is_own()));
+        front.begin_frame(view.view, frame, own_shader.is_there());
         front.textures.uniform.write_buffer(&device, &queue);
         if let Some(normal) = prepass.and_then(|prepass| prepass.into_inner().normal.as_mut()) {
             *normal = front.layer.normal_attachment();

@@ -7,28 +7,30 @@
 //! | file | contents |
 //! |---|---|
 //! | `classify` | the pass, and the built-in heuristics |
+//! | `images.rs` | users' rate images |
 //! | `adaptive.wesl` | the heuristic that reads the history |
 //! | `tile.wesl` | the library for all heuristics: statistics of a tile, lists of rays |
 //! | `pixel.wesl` | a pixel's contribution to the statistics |
 //! | `codes.wesl` | bits of the rate image and of the ray list |
 
 mod classify;
+mod images;
 
-pub use classify::RatePipelines;
+pub use images::RateImages;
 
-pub(crate) use classify::determine_rates;
+pub(crate) use classify::{ADAPTIVE_RATES, RATES, determine_rates, needed, variants, variants_of_parts};
 
 use crate::{device::tracing_app, schedule::ReflectionSystems};
 use bevy::{
     app::{App, Plugin},
     asset::embedded_asset,
     ecs::schedule::IntoScheduleConfigs,
-    render::{Render, RenderApp, RenderStartup},
+    render::{GpuResourceAppExt, Render, RenderApp},
     shader::load_shader_library,
 };
-use classify::{init_rate_pipelines, queue_rate_pipelines};
+use images::find_rate_images;
 
-/// Registers the shaders and pipelines of this folder.
+/// Registers the shaders and systems of this folder.
 pub(crate) struct RatePlugin;
 
 impl Plugin for RatePlugin {
@@ -46,7 +48,7 @@ impl Plugin for RatePlugin {
     fn finish(&self, app: &mut App) {
         let Some(render_app) = tracing_app(app) else { return };
         render_app
-            .add_systems(RenderStartup, init_rate_pipelines)
-            .add_systems(Render, queue_rate_pipelines.in_set(ReflectionSystems::QueuePipelines));
+            .init_gpu_resource::<RateImages>()
+            .add_systems(Render, find_rate_images.in_set(ReflectionSystems::QueuePipelines));
     }
 }

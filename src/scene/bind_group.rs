@@ -41,6 +41,7 @@ use core::num::NonZeroU64;
 use instance_table::InstanceTable;
 
 pub(super) use instance_table::{Matrices, pack_instance};
+pub(crate) use shader_defs::SceneDefinitions;
 
 /// The scene's buffers and bind group (group 1 of `bindings.wesl`).
 #[derive(Resource)]

@@ -49,6 +49,7 @@ pub mod upload;
 mod waiting_room;
 
 pub use bind_group::SceneBindings;
+pub(crate) use bind_group::SceneDefinitions;
 pub(crate) use change::Change;
 pub(crate) use features::{Features, Fit, Passes};
 pub use materials::ReflectedMaterial;

@@ -2,43 +2,78 @@
 //! in that shading pass or in a separate pass.
 
 use crate::{
-    common::{ALL_RAYS_DISPATCH, MIRROR_RAY_DISPATCH, RAY_DISPATCH, word_offset},
-    gbuffer::{Binding, GBufferPass, OtherGroups, PassContext},
-    scene::Features,
+    common::word_offset,
+    gbuffer::{Binding, PassContext},
+    pipelines::{Failure, Groups, Options, Pass, Pipelines, Variant},
+    scene::Passes,
     targets::{HIT_FORMAT, RADIANCE_FORMAT, RAY_RADIANCE_FORMAT, RAY_SAMPLE_FORMAT, STATS_FORMAT},
 };
-use bevy::render::{render_resource::BindGroupLayoutDescriptor, renderer::RenderContext};
+use bevy::render::renderer::RenderContext;
 
 /// The pass over the ray list.
-pub(super) fn ray_pass(scene_layout: &BindGroupLayoutDescriptor) -> GBufferPass<Features> {
-    let own = vec![
-        Binding::words(|context| Some(&context.images()?.ray_list)),
-        Binding::written(RAY_RADIANCE_FORMAT, |context| Some(&context.images()?.ray_radiance)),
-        Binding::written(RAY_SAMPLE_FORMAT, |context| Some(&context.images()?.ray_sample)),
-        Binding::written(HIT_FORMAT, |context| context.images()?.hits(context.now())),
-    ];
-    list_pass("glint_trace_rays", own, scene_layout)
-}
+pub(crate) const RAYS: &Pass = &Pass {
+    label: "glint_trace_rays",
+    shader: "trace/blocks.wesl",
+    sees: Passes::RAYS,
+    entry_point: "trace",
+    bindings: || {
+        let mut bindings = list_bindings();
+        bindings.extend([
+            Binding::words(|context| Some(&context.images()?.ray_list)),
+            Binding::written(RAY_RADIANCE_FORMAT, |context| Some(&context.images()?.ray_radiance)),
+            Binding::written(RAY_SAMPLE_FORMAT, |context| Some(&context.images()?.ray_sample)),
+            Binding::written(HIT_FORMAT, |context| context.images()?.hits(context.now())),
+        ]);
+        bindings
+    },
+    groups: Groups::Scene,
+    ..Pass::new(Failure::RAYS)
+};
 
 /// The pass that shades the hits of the ray list.
-pub(super) fn shading_pass(scene_layout: &BindGroupLayoutDescriptor) -> GBufferPass<Features> {
-    let groups = OtherGroups::SceneAndEnvironment(scene_layout.clone());
-    GBufferPass::new("glint_shade_hits", shading_bindings(), groups)
-}
+pub(crate) const SHADING: &Pass = &Pass {
+    label: "glint_shade_hits",
+    shader: "trace/shade.wesl",
+    sees: Passes::SHADING,
+    bindings: shading_bindings,
+    ..*RAYS
+};
 
 /// The pass that shades the hits of the ray list and traces the mirror ray list.
-pub(super) fn shading_and_mirrors_pass(scene_layout: &BindGroupLayoutDescriptor) -> GBufferPass<Features> {
-    let mut bindings = shading_bindings();
-    bindings.extend([
-        Binding::words(|context| Some(&context.images()?.mirror_ray_list)),
+pub(crate) const SHADING_AND_MIRRORS: &Pass = &Pass {
+    label: "glint_shade_hits_and_mirrors",
+    sees: Passes::SHADING_AND_MIRRORS,
+    bindings: || {
+        let [list, radiance, stats] = mirror_bindings();
+        let counters = Binding::written_words(1, |context| Some(&context.targets().counters));
+        let mut bindings = shading_bindings();
+        bindings.extend([list, counters, radiance, stats]);
+        bindings
+    },
+    options: Options::MIRRORS,
+    ..*SHADING
+};
+
+/// The pass over the mirror ray list.
+pub(crate) const MIRRORS: &Pass = &Pass {
+    label: "glint_trace_mirror_rays",
+    sees: Passes::MIRRORS,
+    bindings: || {
+        let mut bindings = list_bindings();
+        bindings.extend(mirror_bindings());
+        bindings
+    },
+    options: Options::MIRRORS,
+    ..*RAYS
+};
+
+fn list_bindings() -> Vec<Binding> {
+    vec![
+        Binding::floats(|context| Some(context.albedo_table)),
+        Binding::float_layers(|context| Some(context.noise)),
+        Binding::words(|context| Some(&context.targets().indirect_args)),
         Binding::written_words(1, |context| Some(&context.targets().counters)),
-        Binding::written(RADIANCE_FORMAT, |context| {
-            context.images()?.mirror_radiance(context.now())
-        }),
-        Binding::written(STATS_FORMAT, |context| context.images()?.mirror_stats(context.now())),
-    ]);
-    let groups = OtherGroups::SceneAndEnvironment(scene_layout.clone());
-    GBufferPass::new("glint_shade_hits_and_mirrors", bindings, groups).with_screen(reads_screen)
+    ]
 }
 
 fn shading_bindings() -> Vec<Binding> {
@@ -52,66 +87,26 @@ fn shading_bindings() -> Vec<Binding> {
     ]
 }
 
-/// The pass over the mirror ray list.
-pub(super) fn mirror_ray_pass(scene_layout: &BindGroupLayoutDescriptor) -> GBufferPass<Features> {
-    let own = vec![
+/// The mirror ray list and its results.
+fn mirror_bindings() -> [Binding; 3] {
+    [
         Binding::words(|context| Some(&context.images()?.mirror_ray_list)),
         Binding::written(RADIANCE_FORMAT, |context| {
             context.images()?.mirror_radiance(context.now())
         }),
         Binding::written(STATS_FORMAT, |context| context.images()?.mirror_stats(context.now())),
-    ];
-    list_pass("glint_trace_mirror_rays", own, scene_layout)
+    ]
 }
 
-fn list_pass(
-    label: &'static str,
-    own: Vec<Binding>,
-    scene_layout: &BindGroupLayoutDescriptor,
-) -> GBufferPass<Features> {
-    let mut bindings = vec![
-        Binding::floats(|context| Some(context.albedo_table)),
-        Binding::float_layers(|context| Some(context.noise)),
-        Binding::words(|context| Some(&context.targets().indirect_args)),
-        Binding::written_words(1, |context| Some(&context.targets().counters)),
-    ];
-    bindings.extend(own);
-    let groups = OtherGroups::SceneAndEnvironment(scene_layout.clone());
-    GBufferPass::new(label, bindings, groups).with_screen(reads_screen)
-}
-
-fn reads_screen(features: &Features) -> bool {
-    features.contains(Features::SCREEN_TRACES)
-}
-
-/// Traces or shades the rays of one list.
+/// Traces or shades the rays of one list. `dispatch` is the first word of its indirect arguments.
 pub(super) fn run_list(
     ctx: &mut RenderContext,
-    pass: &GBufferPass<Features>,
-    features: Features,
+    pipelines: &Pipelines,
+    variant: Variant,
     context: &PassContext,
-    list: List,
+    dispatch: u64,
 ) {
-    if let Some(mut compute) = pass.begin(ctx, context, [features], &[]) {
-        compute.dispatch_workgroups_indirect(&context.targets().indirect_args, word_offset(list.dispatch()));
-    }
-}
-
-/// A list of rays.
-#[derive(Clone, Copy)]
-pub(super) enum List {
-    Rays,
-    MirrorRays,
-    /// Mirror rays, followed by the others.
-    AllRays,
-}
-
-impl List {
-    fn dispatch(self) -> u64 {
-        match self {
-            Self::Rays => RAY_DISPATCH,
-            Self::MirrorRays => MIRROR_RAY_DISPATCH,
-            Self::AllRays => ALL_RAYS_DISPATCH,
-        }
+    if let Some(mut compute) = pipelines.begin(ctx, context, [variant], &[]) {
+        compute.dispatch_workgroups_indirect(&context.targets().indirect_args, word_offset(dispatch));
     }
 }

@@ -1,15 +1,25 @@
 //! One ray for each pixel, averaged over frames.
 
+use super::blocks::RAYS;
 use crate::{
-    gbuffer::{Binding, GBufferPass, OtherGroups, PassContext},
-    scene::Features,
+    gbuffer::{Binding, PassContext},
+    pipelines::{Pass, Pipelines, Variant},
+    scene::Passes,
     targets::ACCUMULATION_FORMAT,
 };
-use bevy::render::{render_resource::BindGroupLayoutDescriptor, renderer::RenderContext};
+use bevy::render::renderer::RenderContext;
 
 /// The pass over all pixels.
-pub(super) fn converged_pass(scene_layout: &BindGroupLayoutDescriptor) -> GBufferPass<Features> {
-    let bindings = vec![
+pub(crate) const CONVERGED: &Pass = &Pass {
+    label: "glint_trace_converged",
+    shader: "trace/converged.wesl",
+    sees: Passes::CONVERGED,
+    bindings,
+    ..*RAYS
+};
+
+fn bindings() -> Vec<Binding> {
+    vec![
         Binding::floats(|context| Some(context.albedo_table)),
         Binding::written_words(1, |context| Some(&context.targets().indirect_args)),
         Binding::written_words(1, |context| Some(&context.targets().counters)),
@@ -17,23 +27,13 @@ pub(super) fn converged_pass(scene_layout: &BindGroupLayoutDescriptor) -> GBuffe
         Binding::written(ACCUMULATION_FORMAT, |context| {
             Some(&context.targets().accumulation.as_ref()?[context.now()])
         }),
-    ];
-    GBufferPass::new(
-        "glint_trace_converged",
-        bindings,
-        OtherGroups::SceneAndEnvironment(scene_layout.clone()),
-    )
+    ]
 }
 
 /// Traces a ray for each pixel.
-pub(super) fn trace_converged(
-    ctx: &mut RenderContext,
-    pass: &GBufferPass<Features>,
-    features: Features,
-    context: &PassContext,
-) {
+pub(super) fn trace_converged(ctx: &mut RenderContext, pipelines: &Pipelines, variant: Variant, context: &PassContext) {
     let size = context.textures.size();
-    if let Some(mut compute) = pass.begin(ctx, context, [features], &[]) {
+    if let Some(mut compute) = pipelines.begin(ctx, context, [variant], &[]) {
         compute.dispatch_workgroups(size.x.div_ceil(8), size.y.div_ceil(8), 1);
     }
 }

@@ -4,7 +4,7 @@
 //! |---|---|
 //! | `passes.rs` | the passes that trace the rays of a view |
 //! | `blocks`, `inline`, `converged`, `vrs` | the passes: bindings in Rust, work in WESL |
-//! | `pipelines.rs`, `variant.rs` | their compilation |
+//! | `state.rs`, `variant.rs` | the features that they are compiled for |
 //! | `plan.rs` | which of them run, in which variants, while others are compiled |
 //! | `resources.rs` | their inputs from the render world |
 //! | `fallback.rs` | the back end of a camera, and messages if it isn't the requested one |
@@ -28,29 +28,33 @@ pub mod directional_albedo;
 mod fallback;
 mod inline;
 mod passes;
-mod pipelines;
 mod plan;
 mod resources;
+mod state;
 mod surface_shader;
 mod variant;
 mod vrs;
 
-pub use pipelines::TracePipelines;
 pub use resources::{PassResources, PassView};
+pub use state::TraceState;
 pub use vrs::VrsPass;
 
+pub(crate) use blocks::{MIRRORS, RAYS, SHADING, SHADING_AND_MIRRORS};
+pub(crate) use converged::CONVERGED;
 pub(crate) use fallback::{Fallbacks, choose};
+pub(crate) use inline::INLINE;
 pub(crate) use passes::trace_rays;
+pub(crate) use state::request_trace_passes;
 
-use crate::{device::tracing_app, scene::SceneBindings, schedule::ReflectionSystems};
+use crate::{device::tracing_app, schedule::ReflectionSystems};
 use bevy::{
     app::{App, Plugin},
     asset::embedded_asset,
     ecs::schedule::IntoScheduleConfigs,
-    render::{ExtractSchedule, GpuResourceAppExt, Render, RenderApp, RenderStartup, init_gpu_resource},
+    render::{ExtractSchedule, GpuResourceAppExt, Render, RenderApp},
     shader::load_shader_library,
 };
-use pipelines::{extract_warm_up, init_trace_pipelines, queue_trace_pipelines};
+use state::extract_warm_up;
 use surface_shader::{SurfaceShader, extract_surface_shader};
 
 /// Registers the shaders and pipelines of this folder.
@@ -94,21 +98,12 @@ impl Plugin for TracePlugin {
         let Some(render_app) = tracing_app(app) else { return };
         render_app
             .init_gpu_resource::<SurfaceShader>()
-            .add_systems(
-                RenderStartup,
-                init_trace_pipelines.after(init_gpu_resource::<SceneBindings>),
-            )
+            .init_gpu_resource::<TraceState>()
             // Bevy sends its shaders to the pipeline cache, too. They are different ones, so the order doesn't matter.
             .add_systems(
                 ExtractSchedule,
                 (extract_surface_shader, extract_warm_up).ambiguous_with_all(),
             )
-            .add_systems(
-                Render,
-                // Runs after the other systems of this set, since it reads features that they record in the scene's bindings.
-                queue_trace_pipelines
-                    .after(ReflectionSystems::QueuePipelines)
-                    .before(ReflectionSystems::PrepareViews),
-            );
+            .add_systems(Render, request_trace_passes.in_set(ReflectionSystems::QueuePipelines));
     }
 }

@@ -1,72 +1,85 @@
 //! Chooses the passes that trace the rays of a view, each in the compiled variant that lacks the fewest requested features.
 
-use super::variant::{Demand, Kernel, RayPass};
-use crate::scene::{Features, Fit};
+use super::{
+    blocks::{MIRRORS, RAYS, SHADING, SHADING_AND_MIRRORS},
+    converged::CONVERGED,
+    inline::INLINE,
+    variant::{Demand, RayPass, features_of},
+};
+use crate::{
+    pipelines::Pass,
+    scene::{Features, Fit},
+};
 
 /// Passes that trace and shade the rays of a view, in order.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Plan([Option<(Kernel, Fit)>; 3]);
+pub(super) struct Plan([Option<(&'static Pass, Fit)>; 3]);
 
 /// Finds the variant of a pass for the requested features. Others must be among the spare ones.
-pub(super) type Find<'a> = &'a dyn Fn(Kernel, Features, Features) -> Option<Fit>;
+pub(super) type Find<'a> = &'a dyn Fn(&'static Pass, Features, Features) -> Option<Fit>;
 
 /// The best passes for a view once they are compiled with all features. `can_join` is true if the device has enough storage buffers for
 /// the pass that shades hits and traces mirror rays.
-pub(super) fn kernels(demand: Demand, wanted: Features, can_join: bool) -> impl Iterator<Item = Kernel> {
-    let mirrors = demand.mirrors.then_some(Kernel::Mirrors);
-    let kernels = match demand.rays {
+pub(super) fn passes(demand: Demand, wanted: Features, can_join: bool) -> impl Iterator<Item = &'static Pass> {
+    let mirrors = demand.mirrors.then_some(MIRRORS);
+    let passes = match demand.rays {
         RayPass::Blocks if demand.may_join && can_join && lost_by_joining(wanted).is_empty() => {
-            [Some(Kernel::Rays), Some(Kernel::ShadingAndMirrors), None]
+            [Some(RAYS), Some(SHADING_AND_MIRRORS), None]
         }
-        RayPass::Blocks => [Some(Kernel::Rays), Some(Kernel::Shading), mirrors],
-        RayPass::Inline => [Some(Kernel::Inline), mirrors, None],
-        RayPass::Converged => [Some(Kernel::Converged), mirrors, None],
+        RayPass::Blocks => [Some(RAYS), Some(SHADING), mirrors],
+        RayPass::Inline => [Some(INLINE), mirrors, None],
+        RayPass::Converged => [Some(CONVERGED), mirrors, None],
     };
-    kernels.into_iter().flatten()
+    passes.into_iter().flatten()
 }
 
 /// Features that the combined pass for shading and mirror rays lacks: lights without bits, and rays that are followed through layers.
 fn lost_by_joining(wanted: Features) -> Features {
-    (wanted & Features::MANY_LIGHTS) | (Kernel::Mirrors.features(wanted) & Features::LAYERS)
+    (wanted & Features::MANY_LIGHTS) | (features_of(MIRRORS, wanted) & Features::LAYERS)
 }
 
 impl Plan {
     /// Returns `None` if nothing that the view needs is compiled.
     pub fn new(demand: Demand, wanted: Features, find: Find) -> Option<Self> {
-        let best = |kernel: Kernel| Some((kernel, find(kernel, kernel.features(wanted), Features::HARMLESS)?));
+        let best = |pass: &'static Pass| Some((pass, find(pass, features_of(pass, wanted), Features::HARMLESS)?));
         let mirrors = if demand.mirrors {
-            best(Kernel::Mirrors).map(Some)
+            best(MIRRORS).map(Some)
         } else {
             Some(None)
         };
         match demand.rays {
-            RayPass::Inline => Some(Self([Some(best(Kernel::Inline)?), mirrors?, None])),
-            RayPass::Converged => Some(Self([Some(best(Kernel::Converged)?), mirrors?, None])),
+            RayPass::Inline => Some(Self([Some(best(INLINE)?), mirrors?, None])),
+            RayPass::Converged => Some(Self([Some(best(CONVERGED)?), mirrors?, None])),
             RayPass::Blocks => Self::of_blocks(demand, wanted, mirrors, find),
         }
     }
 
-    fn of_blocks(demand: Demand, wanted: Features, mirrors: Option<Option<(Kernel, Fit)>>, find: Find) -> Option<Self> {
+    fn of_blocks(
+        demand: Demand,
+        wanted: Features,
+        mirrors: Option<Option<(&'static Pass, Fit)>>,
+        find: Find,
+    ) -> Option<Self> {
         let best =
-            |kernel: Kernel, wanted: Features, spare| Some((kernel, find(kernel, kernel.features(wanted), spare)?));
+            |pass: &'static Pass, wanted: Features, spare| Some((pass, find(pass, features_of(pass, wanted), spare)?));
         let any = Features::HARMLESS;
         // Rays test only directional lights, provided that the pass that shades their hits samples the others.
-        let draws = |(_, fit): (Kernel, Fit)| fit.features.contains(Features::LIGHT_SAMPLING);
-        let of_rays = if best(Kernel::Shading, wanted, any).is_some_and(draws) {
+        let draws = |(_, fit): (&'static Pass, Fit)| fit.features.contains(Features::LIGHT_SAMPLING);
+        let of_rays = if best(SHADING, wanted, any).is_some_and(draws) {
             wanted
         } else {
             wanted - Features::LIGHT_SAMPLING
         };
-        let rays = best(Kernel::Rays, of_rays, any)?;
+        let rays = best(RAYS, of_rays, any)?;
         // Hits have tints only if their rays recorded some.
         let noted = (rays.1.features & Features::TINTS) | !Features::TINTS;
         let (of_hits, spare) = (wanted & noted, any & noted);
-        let shading = best(Kernel::Shading, of_hits, spare);
+        let shading = best(SHADING, of_hits, spare);
         let lost = lost_by_joining(wanted);
-        let joined = demand.may_join.then(|| best(Kernel::ShadingAndMirrors, of_hits, spare));
-        let joined = joined.flatten().map(|(kernel, mut fit)| {
+        let joined = demand.may_join.then(|| best(SHADING_AND_MIRRORS, of_hits, spare));
+        let joined = joined.flatten().map(|(pass, mut fit)| {
             fit.missing |= lost;
-            Self([Some(rays), Some((kernel, fit)), None])
+            Self([Some(rays), Some((pass, fit)), None])
         });
         let apart = shading.zip(mirrors);
         let apart = apart.map(|(shading, mirrors)| Self([Some(rays), Some(shading), mirrors]));
@@ -80,8 +93,8 @@ impl Plan {
     }
 
     /// The passes in order.
-    pub fn steps(self) -> impl Iterator<Item = (Kernel, Features)> {
-        self.0.into_iter().flatten().map(|(kernel, fit)| (kernel, fit.features))
+    pub fn steps(self) -> impl Iterator<Item = (&'static Pass, Features)> {
+        self.0.into_iter().flatten().map(|(pass, fit)| (pass, fit.features))
     }
 
     /// Features that some pass lacks while its shader is compiled.
@@ -107,7 +120,7 @@ mod tests {
     /// A view, and the passes that are compiled for it.
     struct Compiler {
         demand: Demand,
-        compiled: HashMap<Kernel, Vec<Features>>,
+        compiled: HashMap<&'static Pass, Vec<Features>>,
     }
 
     impl Compiler {
@@ -124,18 +137,18 @@ mod tests {
 
         /// Compiles everything that the view requests.
         fn finish(&mut self, wanted: Features) {
-            for kernel in kernels(self.demand, wanted, true) {
-                self.compile(kernel, wanted);
+            for pass in passes(self.demand, wanted, true) {
+                self.compile(pass, wanted);
             }
         }
 
-        fn compile(&mut self, kernel: Kernel, wanted: Features) {
-            self.compiled.entry(kernel).or_default().push(kernel.features(wanted));
+        fn compile(&mut self, pass: &'static Pass, wanted: Features) {
+            self.compiled.entry(pass).or_default().push(features_of(pass, wanted));
         }
 
         fn plan(&self, wanted: Features) -> Option<Plan> {
-            Plan::new(self.demand, wanted, &|kernel, features, spare| {
-                features.best_of(self.compiled.get(&kernel)?.iter().copied(), spare)
+            Plan::new(self.demand, wanted, &|pass, features, spare| {
+                features.best_of(self.compiled.get(&pass)?.iter().copied(), spare)
             })
         }
 
@@ -216,20 +229,17 @@ mod tests {
     fn passes_that_are_new_wait_until_they_lack_nothing() {
         let mut compiler = Compiler::new(ReflectionTechnique::Variable);
         compiler.finish(BASE);
-        let kernels = |plan: Option<Plan>| plan.unwrap().steps().map(|(kernel, _)| kernel).collect::<Vec<_>>();
-        let joined = [Kernel::Rays, Kernel::ShadingAndMirrors];
-        assert_eq!(kernels(compiler.plan(BASE)), joined);
+        let passes = |plan: Option<Plan>| plan.unwrap().steps().map(|(pass, _)| pass).collect::<Vec<_>>();
+        let joined = [RAYS, SHADING_AND_MIRRORS];
+        assert_eq!(passes(compiler.plan(BASE)), joined);
         // Glass: mirrors get a separate pass, and a variant of it with fewer features is compiled first.
         let glass = BASE | Features::LAYERS;
-        compiler.compile(Kernel::Mirrors, Features::MASKED | Features::LAYERS);
-        compiler.compile(Kernel::Shading, Features::MASKED);
-        assert_eq!(kernels(compiler.plan(glass)), joined);
+        compiler.compile(MIRRORS, Features::MASKED | Features::LAYERS);
+        compiler.compile(SHADING, Features::MASKED);
+        assert_eq!(passes(compiler.plan(glass)), joined);
         compiler.finish(glass);
-        assert_eq!(
-            kernels(compiler.plan(glass)),
-            [Kernel::Rays, Kernel::Shading, Kernel::Mirrors]
-        );
-        assert_eq!(kernels(compiler.plan(BASE)), joined);
+        assert_eq!(passes(compiler.plan(glass)), [RAYS, SHADING, MIRRORS]);
+        assert_eq!(passes(compiler.plan(BASE)), joined);
     }
 
     #[test]
@@ -237,7 +247,7 @@ mod tests {
         let mut compiler = Compiler::new(ReflectionTechnique::Variable);
         compiler.finish(BASE | Features::MANY_LIGHTS);
         let night = BASE | Features::MANY_LIGHTS | Features::LIGHT_SAMPLING;
-        compiler.compile(Kernel::Rays, night);
+        compiler.compile(RAYS, night);
         let draws = |compiler: &Compiler| {
             let mut steps = compiler.plan(night).unwrap().steps();
             steps.all(|(_, features)| features.contains(Features::LIGHT_SAMPLING))
@@ -251,15 +261,15 @@ mod tests {
     #[test]
     fn hits_without_tints_are_never_shaded_with_them() {
         let mut compiler = Compiler::new(ReflectionTechnique::Variable);
-        compiler.compile(Kernel::Rays, BASE);
+        compiler.compile(RAYS, BASE);
         let tinted = BASE | Features::TINTS;
-        for kernel in [Kernel::Shading, Kernel::ShadingAndMirrors, Kernel::Mirrors] {
-            compiler.compile(kernel, tinted);
+        for pass in [SHADING, SHADING_AND_MIRRORS, MIRRORS] {
+            compiler.compile(pass, tinted);
         }
         assert_eq!(compiler.plan(tinted), None);
-        compiler.compile(Kernel::ShadingAndMirrors, BASE);
+        compiler.compile(SHADING_AND_MIRRORS, BASE);
         assert!(compiler.plan(tinted).is_some());
-        compiler.compile(Kernel::Rays, tinted);
+        compiler.compile(RAYS, tinted);
         assert_eq!(compiler.missing(tinted), Features::empty());
     }
 }

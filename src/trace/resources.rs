@@ -1,6 +1,6 @@
 //! Gathers the render-world data for the passes of a view.
 
-use super::pipelines::TracePipelines;
+use super::state::TraceState;
 use crate::{
     gbuffer::{GBufferBindings, PassContext},
     scene::{SceneBindings, environment::EnvironmentBindings},
@@ -32,7 +32,7 @@ pub struct PassView {
 /// Resources that the passes of all views share.
 #[derive(SystemParam)]
 pub struct PassResources<'w> {
-    pub(crate) trace: Option<Res<'w, TracePipelines>>,
+    pub(crate) trace: Option<Res<'w, TraceState>>,
     scene: Option<Res<'w, SceneBindings>>,
     environments: Res<'w, EnvironmentBindings>,
     view_uniforms: Res<'w, ViewUniforms>,
@@ -49,7 +49,7 @@ impl PassResources<'_> {
         if !view.hook.passes_run {
             return None;
         }
-        let pipelines = self.trace.as_deref()?;
+        let state = self.trace.as_deref()?;
         let scene = self.scene.as_deref()?;
         let ssao = view.ssao;
         Some(PassContext {
@@ -66,12 +66,14 @@ impl PassResources<'_> {
             view: view.view,
             textures: view.textures,
             cache: &self.cache,
+            features: scene.features(),
+            knows_motions: scene.knows_motions(),
             scene: scene.bind_group.as_ref()?,
             environment: self.environments.bind_group(entity)?,
             contents: [&scene.contents, self.environments.contents(entity)?],
             ssao: ssao.map(|ssao| &ssao.screen_space_ambient_occlusion_texture.default_view),
-            albedo_table: &pipelines.albedo_table,
-            noise: pipelines.noise.as_ref()?,
+            albedo_table: &state.albedo_table,
+            noise: state.noise.as_ref()?,
             frame: view.target.main_texture_view(),
             screen: view.textures.targets.screen.as_ref(),
             tiles: None,

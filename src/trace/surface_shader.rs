@@ -17,7 +17,7 @@ const MODULE_ID: AssetId<Shader> = AssetId::Uuid {
 
 /// The app's shader, as known to the renderer. A GPU resource: it is sent again to the pipeline cache of a new device.
 #[derive(Resource, Default)]
-pub(super) struct SurfaceShader {
+pub(crate) struct SurfaceShader {
     /// The shader asset with the source of the module.
     loaded: Option<AssetId<Shader>>,
     /// Surfaces change over time.

@@ -1,6 +1,12 @@
 //! The passes that trace rays, and the features of their shaders.
 
+use super::{
+    blocks::{MIRRORS, RAYS, SHADING, SHADING_AND_MIRRORS},
+    converged::CONVERGED,
+    inline::INLINE,
+};
 use crate::{
+    pipelines::Pass,
     scene::{Features, Passes},
     settings::{ClampedSettings, ReflectionBackend, ReflectionTechnique},
 };
@@ -50,48 +56,20 @@ impl Demand {
     }
 }
 
-/// A compute pass that traces or shades rays.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub(super) enum Kernel {
-    /// Traces the rays of blocks.
-    Rays,
-    /// Shades their hits.
-    Shading,
-    /// Shades their hits, and traces the rays of mirrors.
-    ShadingAndMirrors,
-    /// Traces the rays of mirrors.
-    Mirrors,
-    /// Traces a ray for each pixel, into the accumulation.
-    Converged,
-    /// Traces a ray for each fragment.
-    Inline,
-}
+/// All passes that trace or shade rays.
+pub(super) const PASSES: [&Pass; 6] = [RAYS, SHADING, SHADING_AND_MIRRORS, MIRRORS, CONVERGED, INLINE];
 
-impl Kernel {
-    /// The features of the scene and a view that affect the pass.
-    pub fn features(self, wanted: Features) -> Features {
-        match self {
-            Self::Rays => wanted.seen_by(Passes::RAYS),
-            Self::Shading if wanted.intersects(Features::MANY_LIGHTS | Features::BOUNCES) => {
-                (wanted | Features::MANY_LIGHTS).seen_by(Passes::TRACED_SHADING)
-            }
-            Self::Shading => wanted.seen_by(Passes::SHADING),
-            Self::ShadingAndMirrors => wanted.seen_by(Passes::SHADING_AND_MIRRORS),
-            Self::Mirrors => wanted.seen_by(Passes::MIRRORS),
-            Self::Inline => wanted.seen_by(Passes::INLINE),
-            // The ground truth traces refracted rays deterministically, with less noise.
-            Self::Converged => {
-                let mut features = wanted.seen_by(Passes::CONVERGED);
-                features.set(Features::LAYERS, features.contains(Features::REFRACTION));
-                features
-            }
-        }
+/// The features of the scene and a view that affect a pass.
+pub(super) fn features_of(pass: &Pass, wanted: Features) -> Features {
+    if pass == SHADING && wanted.intersects(Features::MANY_LIGHTS | Features::BOUNCES) {
+        return (wanted | Features::MANY_LIGHTS).seen_by(Passes::TRACED_SHADING);
     }
-
-    /// Definition of the pass in any scene.
-    pub fn definition(self) -> Option<&'static str> {
-        matches!(self, Self::ShadingAndMirrors | Self::Mirrors).then_some("MIRRORS")
+    let mut features = wanted.seen_by(pass.sees);
+    if pass == CONVERGED {
+        // The ground truth traces refracted rays deterministically, with less noise.
+        features.set(Features::LAYERS, features.contains(Features::REFRACTION));
     }
+    features
 }
 
 #[cfg(test)]
@@ -133,25 +111,22 @@ mod tests {
     #[test]
     fn hits_are_shaded_by_a_pass_that_traces_only_where_it_must() {
         let scene = Features::MASKED | Features::LIGHTMAPS | Features::LIGHT_SAMPLING;
-        assert_eq!(Kernel::Shading.features(scene), Features::MASKED | Features::LIGHTMAPS);
+        assert_eq!(features_of(SHADING, scene), Features::MASKED | Features::LIGHTMAPS);
         let many = scene | Features::MANY_LIGHTS;
-        assert_eq!(Kernel::Shading.features(many), many);
+        assert_eq!(features_of(SHADING, many), many);
         // Reflections within reflections test all lights themselves.
         let bouncing = scene | Features::BOUNCES;
-        assert_eq!(Kernel::Shading.features(bouncing), bouncing | Features::MANY_LIGHTS);
-        assert_eq!(
-            Kernel::Rays.features(bouncing),
-            Features::MASKED | Features::LIGHT_SAMPLING
-        );
+        assert_eq!(features_of(SHADING, bouncing), bouncing | Features::MANY_LIGHTS);
+        assert_eq!(features_of(RAYS, bouncing), Features::MASKED | Features::LIGHT_SAMPLING);
     }
 
     #[test]
     fn the_ground_truth_follows_layers_where_rays_are_bent() {
         let glass = Features::MASKED | Features::LAYERS;
-        assert_eq!(Kernel::Converged.features(glass), Features::MASKED);
+        assert_eq!(features_of(CONVERGED, glass), Features::MASKED);
         let bent = glass | Features::REFRACTION;
-        assert_eq!(Kernel::Converged.features(bent), bent);
-        assert_eq!(Kernel::Mirrors.features(glass), glass);
-        assert_eq!(Kernel::ShadingAndMirrors.features(bent), Features::MASKED);
+        assert_eq!(features_of(CONVERGED, bent), bent);
+        assert_eq!(features_of(MIRRORS, glass), glass);
+        assert_eq!(features_of(SHADING_AND_MIRRORS, bent), Features::MASKED);
     }
 }

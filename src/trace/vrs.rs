@@ -1,11 +1,12 @@
 //! Rays of the rate image by variable rate shading of the rasterizer: runs the shader of `inline.wesl` in a raw Vulkan pass.
 
-use super::pipelines::TracePipelines;
+use super::inline::INLINE;
 use crate::{
     device::{FragmentRays, HardwareVrsSupport},
-    gbuffer::PassContext,
+    gbuffer::{Contents, PassContext},
+    pipelines::Pipelines,
     settings::{ClampedSettings, ReflectionBackend},
-    vrs::{self, BindGroupContents, DrawGroup, HardwareVrs, VrsBackend, VrsDraw},
+    vrs::{self, BindGroupContents, DrawGroup, HardwareVrs, PipelineRequest, VrsBackend, VrsDraw},
 };
 use bevy::{
     ecs::{prelude::*, system::SystemParam},
@@ -51,20 +52,20 @@ impl VrsPass<'_> {
     pub(crate) fn is_ready(
         &mut self,
         settings: &ClampedSettings,
-        trace: &TracePipelines,
         cache: &PipelineCache,
+        request: impl FnOnce() -> PipelineRequest,
     ) -> bool {
         if settings.backend != ReflectionBackend::HardwareVrs {
             return true;
         }
         let Some(backend) = &mut self.backend else { return false };
         // After an error the device is unavailable, so that the view falls back.
-        backend.prepare(cache, || trace.vrs_request()).unwrap_or(false)
+        backend.prepare(cache, request).unwrap_or(false)
     }
 
     /// Traces the rays of a view's blocks. Returns false if nothing was drawn. After an error, the device is unavailable
     /// from the next frame on, until the pass is retried.
-    pub(super) fn trace(&mut self, ctx: &mut RenderContext, pipelines: &TracePipelines, context: &PassContext) -> bool {
+    pub(super) fn trace(&mut self, ctx: &mut RenderContext, pipelines: &Pipelines, context: &PassContext) -> bool {
         let Some(backend) = self.backend.as_deref_mut() else {
             return false;
         };
@@ -84,14 +85,14 @@ impl VrsPass<'_> {
 fn record(
     backend: &mut VrsBackend,
     ctx: &mut RenderContext,
-    pipelines: &TracePipelines,
+    pipelines: &Pipelines,
     context: &PassContext,
 ) -> Result<(), String> {
-    let group_0 = &pipelines.inline.group_0;
-    let (Some(images), Some(entries)) = (context.images(), group_0.entries(context, &[])) else {
+    let group_0 = pipelines.group_0(INLINE);
+    let (Some(images), Some(entries)) = (context.images(), group_0.entries(context, Contents::default())) else {
         return Err("the view has no targets".into());
     };
-    let layout = context.cache.get_bind_group_layout(&group_0.layout);
+    let layout = context.cache.get_bind_group_layout(group_0.layout(false));
     let device = ctx.render_device();
     let bind_group = device.create_bind_group("glint_trace_vrs", &layout, &entries);
     let mut contents = BindGroupContents::default();

@@ -15,7 +15,7 @@ pub(crate) struct PipelineRequest {
     pub shader: Handle<Shader>,
     pub defs: Vec<ShaderDefVal>,
     /// Layouts of the bind groups, as for wgpu's pipelines.
-    pub layouts: [BindGroupLayoutDescriptor; 3],
+    pub layouts: Vec<BindGroupLayoutDescriptor>,
     /// A module with the entry points `pack`, which writes the bytes of a shading-rate attachment, and `touch`, which does nothing.
     pub attachment_shader: Handle<Shader>,
 }

@@ -7,6 +7,29 @@ use crate::{
 };
 use bevy::shader::ShaderDefVal;
 
+/// Creates the definitions of shaders that import the scene's modules.
+#[derive(Clone, Copy)]
+pub(crate) struct SceneDefinitions {
+    tracer: ReflectionTracer,
+    textures: Option<&'static str>,
+}
+
+impl SceneDefinitions {
+    /// The definitions for these features.
+    pub fn of(self, features: Features) -> Vec<ShaderDefVal> {
+        let mut definitions = self.tracer.shader_defs();
+        definitions.extend(self.textures.map(Into::into));
+        if features.contains(Features::MASKED) && self.tracer == ReflectionTracer::Bvh {
+            definitions.push("ALPHA_MASKED_GEOMETRY".into());
+        }
+        if features.contains(Features::DEEP_TREES) && self.tracer == ReflectionTracer::Bvh {
+            definitions.push(ShaderDefVal::UInt("BVH_STACK_SIZE".into(), LARGEST_STACK));
+        }
+        definitions.extend(features.definitions().map(Into::into));
+        definitions
+    }
+}
+
 impl SceneBindings {
     /// Features of the scene that shaders are compiled for.
     pub(crate) fn features(&self) -> Features {
@@ -39,18 +62,12 @@ impl SceneBindings {
         features
     }
 
-    /// Shader definitions for these features.
-    pub(crate) fn definitions(&self, features: Features) -> Vec<ShaderDefVal> {
-        let mut definitions = self.tracer.shader_defs();
-        definitions.extend(self.texture_def.map(Into::into));
-        if features.contains(Features::MASKED) && self.tracer == ReflectionTracer::Bvh {
-            definitions.push("ALPHA_MASKED_GEOMETRY".into());
+    /// Definitions of shaders that import the scene's modules.
+    pub(crate) fn definitions(&self) -> SceneDefinitions {
+        SceneDefinitions {
+            tracer: self.tracer,
+            textures: self.texture_def,
         }
-        if features.contains(Features::DEEP_TREES) && self.tracer == ReflectionTracer::Bvh {
-            definitions.push(ShaderDefVal::UInt("BVH_STACK_SIZE".into(), LARGEST_STACK));
-        }
-        definitions.extend(features.definitions().map(Into::into));
-        definitions
     }
 
     /// Returns the definitions that shaders which import the scene's modules must be compiled with for the current scene. Code
@@ -67,7 +84,7 @@ impl SceneBindings {
     pub fn shader_defs_for(&self, masked_geometry: bool) -> Vec<ShaderDefVal> {
         let mut features = self.features & Features::DEEP_TREES;
         features.set(Features::MASKED, masked_geometry);
-        self.definitions(features)
+        self.definitions().of(features)
     }
 
     /// Changes whenever [`Self::shader_defs`] does.
