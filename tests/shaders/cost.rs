@@ -2,8 +2,9 @@
 //!
 //! Counts the SPIR-V of an entry point with all calls inlined, and the memory of its variables. Loops count once.
 
-use crate::wesl::Shaders;
+use crate::{modules::COMBINATIONS, wesl::Shaders};
 use bevy::shader::ShaderDefVal;
+use bevy_glint::internals::passes;
 use naga::{
     AddressSpace,
     back::{
@@ -14,7 +15,7 @@ use naga::{
     valid::{Capabilities, ModuleInfo, ValidationFlags, Validator},
 };
 use std::{
-    collections::{BTreeMap, HashMap},
+    collections::{BTreeMap, HashMap, HashSet},
     env,
     fmt::Write,
     fs, iter,
@@ -55,7 +56,7 @@ const SCENE_PASSES: [(&str, &[&str]); 14] = [
 ];
 
 /// All others, and passes for scenes with rare features.
-const PASSES: [(&str, &[&str]); 82] = [
+const PASSES: [(&str, &[&str]); 83] = [
     (
         "front_layer/find",
         &["FRONT_LAYER", "FORWARD_SURFACES", "ALPHA_MASKED_GEOMETRY"],
@@ -144,6 +145,7 @@ const PASSES: [(&str, &[&str]); 82] = [
         &["COMBINED", "TILE_ANGLES", "TILE_SHAPE", "TILE_REFLECTANCE", "TILES_8"],
     ),
     ("rate/classify", &["IMAGE"]),
+    ("rate/adaptive", &["TILE_ANGLES", "TILE_SHAPE", "TILE_REFLECTANCE"]),
     ("denoise/reconstruct", &[]),
     ("denoise/reconstruct", &["WIDE"]),
     ("denoise/reconstruct", &["WIDE", "REST"]),
@@ -416,6 +418,22 @@ fn changes(budget: &Costs, measured: &Costs) -> Vec<String> {
     let gone = budget.keys().filter(|name| !measured.contains_key(*name));
     changes.extend(gone.map(|name| format!("{name}: no such pass")));
     changes
+}
+
+#[test]
+fn all_passes_have_a_budget() {
+    let known: HashSet<_> = variants().map(|(pass, _)| format!("{pass}.wesl")).collect();
+    let missing: Vec<_> = passes::modules().filter(|module| !known.contains(*module)).collect();
+    assert!(missing.is_empty(), "{missing:?}");
+}
+
+#[test]
+fn all_definitions_are_compiled_in_some_combination() {
+    let combinations = COMBINATIONS.into_iter().flatten().copied();
+    let of_passes = variants().flat_map(|(_, definitions)| definitions);
+    let tried: HashSet<_> = combinations.chain(of_passes).collect();
+    let missing: Vec<_> = passes::definitions().filter(|name| !tried.contains(name)).collect();
+    assert!(missing.is_empty(), "{missing:?}");
 }
 
 #[test]
