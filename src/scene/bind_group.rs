@@ -8,6 +8,7 @@ use super::{
     activity::SceneActivity,
     bvh::Item,
     change::{Change, SceneVersion},
+    coplanar::DepthBiases,
     environment::can_have_haze,
     features::Features,
     forward::ForwardObjects,
@@ -69,6 +70,7 @@ pub struct SceneBindings {
     pub(super) poses: Poses,
     /// Objects with see-through materials such as glass and water.
     pub(crate) see_through: SeeThroughObjects,
+    pub(super) depth_biases: DepthBiases,
     /// Opaque objects that Bevy doesn't draw into its G-buffer.
     pub(crate) forward: ForwardObjects,
     pub(super) lightmaps: Lightmaps,
@@ -120,6 +122,7 @@ impl FromWorld for SceneBindings {
             masks: MaskSets::default(),
             poses: Poses::new(world, tracer),
             see_through: SeeThroughObjects::default(),
+            depth_biases: DepthBiases::default(),
             forward: ForwardObjects::default(),
             lightmaps: Lightmaps::default(),
             light_probes: LightProbes::new(textures.mode(), device, queue),
@@ -204,6 +207,7 @@ impl SceneBindings {
         self.poses.clear(meshes);
         self.top_level.clear(meshes);
         self.see_through = SeeThroughObjects::default();
+        self.depth_biases = DepthBiases::default();
         self.forward = ForwardObjects::default();
         self.lightmaps = Lightmaps::default();
         self.light_textures = LightTextures::default();

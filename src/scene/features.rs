@@ -55,6 +55,8 @@ bitflags! {
         const SCREEN_TRACES = 1 << 21;
         /// Rays also march through the camera's depth.
         const SCREEN_MARCH = 1 << 22;
+        /// Some object is see-through or has a depth bias: surfaces in the same place have an order.
+        const COPLANAR = 1 << 23;
     }
 }
 
@@ -107,7 +109,7 @@ const fn row(feature: Features, definition: &'static str, passes: Passes) -> Row
 }
 
 /// All features. The definitions of the first two depend on the tracer (`SceneBindings::definitions`).
-const TABLE: [Row; 23] = {
+const TABLE: [Row; 24] = {
     use Features as F;
     use Passes as P;
     [
@@ -142,6 +144,7 @@ const TABLE: [Row; 23] = {
         row(F::BOUNCES, "BOUNCES", P::ALL_SHADING),
         row(F::SCREEN_TRACES, "SCREEN_TRACES", P::FIRST_RAYS),
         row(F::SCREEN_MARCH, "SCREEN_MARCH", P::FIRST_RAYS),
+        row(F::COPLANAR, "COPLANAR", P::ALL_TRACING),
     ]
 };
 
@@ -188,7 +191,7 @@ impl Features {
 
     /// Features that an app will need later.
     pub(crate) fn of_warm_up(warm_up: &ReflectionWarmUp) -> Self {
-        let see_through = Self::MASKED | Self::TINTS | Self::LAYERS | Self::REFRACTION;
+        let see_through = Self::MASKED | Self::TINTS | Self::LAYERS | Self::REFRACTION | Self::COPLANAR;
         let named = [
             (warm_up.see_through, see_through),
             (warm_up.light_probes, Self::LIGHT_PROBES),

@@ -27,6 +27,10 @@ pub const INSTANCE_RECEIVES_TRANSMITTED_SHADOW: u32 = 256;
 pub const INSTANCE_LEFT: u32 = 512;
 /// The instance is drawn with a different material than its hits have.
 pub const INSTANCE_STAND_IN: u32 = 1024;
+/// From this bit on, three bits contain the phase in which Bevy draws the instance, counted from 0.
+pub const INSTANCE_DRAWN_SHIFT: u32 = 11;
+/// Bits of the depth bias, in 64 units, as a half float without its lowest bits; shifted by [`INSTANCE_DRAWN_SHIFT`].
+pub const INSTANCE_DEPTH_BIAS: u32 = 0xfff8;
 
 /// The material is not lit.
 pub const MATERIAL_UNLIT: u32 = 1;
@@ -256,6 +260,10 @@ pub struct GpuSceneCounts {
     pub light_texture_count: u32,
     /// Index of the first texture in the buffer of lights.
     pub first_light_texture: u32,
+    /// The largest depth bias of all materials, at least 0.
+    pub largest_depth_bias: f32,
+    /// Difference between the largest and the smallest one.
+    pub depth_bias_range: f32,
 }
 
 const _: () = assert!(size_of::<GpuInstance>() == 128);
@@ -263,4 +271,4 @@ const _: () = assert!(size_of::<GpuMaterial>() == 128);
 const _: () = assert!(size_of::<GpuLight>() == 64);
 const _: () = assert!(size_of::<GpuLightTexture>() == size_of::<GpuLight>());
 const _: () = assert!(size_of::<GpuLightProbe>() == 80);
-const _: () = assert!(size_of::<GpuSceneCounts>() == 60);
+const _: () = assert!(size_of::<GpuSceneCounts>() == 68);

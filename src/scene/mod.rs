@@ -12,6 +12,7 @@ mod bind_group;
 pub mod bvh;
 mod change;
 mod change_ticks;
+mod coplanar;
 pub mod environment;
 mod extract;
 mod features;
@@ -116,6 +117,7 @@ impl Plugin for ScenePlugin {
         load_shader_library!(app, "shadow.wesl");
         load_shader_library!(app, "surface.wesl");
         load_shader_library!(app, "trace.wesl");
+        load_shader_library!(app, "coplanar.wesl");
         load_shader_library!(app, "transparency.wesl");
         load_shader_library!(app, "types.wesl");
         embedded_asset!(app, "pose/pose.wesl");

@@ -316,6 +316,7 @@ impl Scene<'_, '_> {
             bindings.version.note(Change::Unmarked);
         }
         let [first_light_texture, light_texture_count] = bindings.lights.textures();
+        let [largest_depth_bias, depth_bias_range] = bindings.depth_biases.range();
         let uniform = GpuSceneCounts {
             light_count: bindings.lights.count(),
             directional_light_count: bindings.lights.directional_count(),
@@ -328,6 +329,8 @@ impl Scene<'_, '_> {
             reflection_probe_count: bindings.light_probes.reflection_probe_count(),
             irradiance_volume_count: bindings.light_probes.irradiance_volume_count(),
             restless_probes: bindings.light_probes.restless(),
+            largest_depth_bias,
+            depth_bias_range,
             ..bindings.uniform_data
         };
         if uniform != bindings.uniform_data || bindings.bind_group.is_none() {

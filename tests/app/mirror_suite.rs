@@ -1,6 +1,7 @@
 //! The mirror suite: a scene in a perfect mirror looks like the same scene to the mirrored camera, whatever the scene contains. The
 //! manual's table of reflected features (`src/manual/interactions.md`) has a line for each row.
 
+mod coplanar;
 mod haze;
 mod light;
 mod light_textures;
@@ -522,7 +523,12 @@ fn a_scene_in_a_mirror_looks_like_itself() {
         let lights = light::ROWS.into_iter().chain(light_textures::ROWS);
         let others = lights.chain(sky::ROWS).chain(transmission::ROWS);
         let filter = std::env::var("GLINT_ROWS").unwrap_or_default();
-        let rows = ROWS.into_iter().chain(others).chain(haze::ROWS).chain(materials::ROWS);
+        let rows = ROWS
+            .into_iter()
+            .chain(others)
+            .chain(haze::ROWS)
+            .chain(materials::ROWS)
+            .chain(coplanar::ROWS);
         for (name, spawn) in rows.filter(|(name, _)| name.contains(&filter)) {
             spawn(&mut stage);
             let actual = stage.in_the_mirror();

@@ -56,7 +56,7 @@ const SCENE_PASSES: [(&str, &[&str]); 14] = [
 ];
 
 /// All others, and passes for scenes with rare features.
-const PASSES: [(&str, &[&str]); 83] = [
+const PASSES: [(&str, &[&str]); 87] = [
     (
         "front_layer/find",
         &["FRONT_LAYER", "FORWARD_SURFACES", "ALPHA_MASKED_GEOMETRY"],
@@ -97,6 +97,13 @@ const PASSES: [(&str, &[&str]); 83] = [
     ("trace/shade", &["LIGHT_SAMPLING", "MANY_LIGHTS", "RAY_QUERY"]),
     ("trace/shade", &["LIGHT_SAMPLING", "MANY_LIGHTS", "BOUNCES"]),
     ("trace/converged", &["LIGHT_SAMPLING"]),
+    ("trace/blocks", &["COPLANAR"]),
+    ("trace/blocks", &["COPLANAR", "RAY_QUERY"]),
+    (
+        "trace/blocks",
+        &["COPLANAR", "MIRRORS", "LAYERED_RAYS", "ALPHA_MASKED_GEOMETRY"],
+    ),
+    ("trace/blocks", &["COPLANAR", "MIRRORS", "LAYERED_RAYS", "RAY_QUERY"]),
     ("trace/blocks", &["MIRRORS", "LAYERED_RAYS", "ALPHA_MASKED_GEOMETRY"]),
     ("trace/blocks", &["MIRRORS", "LAYERED_RAYS", "RAY_QUERY"]),
     (

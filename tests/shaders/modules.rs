@@ -6,7 +6,7 @@ use crate::wesl::Shaders;
 use bevy_glint::internals::{atmosphere::GpuAir, environment::GpuEnvironment, fog_volumes::GpuFogVolume, gpu_types::*};
 
 /// Definitions, several at a time.
-pub const COMBINATIONS: [&[&str]; 77] = [
+pub const COMBINATIONS: [&[&str]; 80] = [
     &[],
     &["ALPHA_MASKED_GEOMETRY"],
     &["ALPHA_MASKED_GEOMETRY", "BINDLESS_TEXTURES"],
@@ -46,15 +46,37 @@ pub const COMBINATIONS: [&[&str]; 77] = [
     ],
     &["FORWARD_SURFACES", "FRONT_LAYER", "RENDER_LAYERS", "RAY_QUERY"],
     &["TINTED_GLASS", "ALPHA_MASKED_GEOMETRY", "BINDLESS_TEXTURES"],
-    &["TINTED_GLASS", "RAY_QUERY", "BOUNCES", "MANY_LIGHTS"],
-    &["TINTED_GLASS", "ALPHA_MASKED_GEOMETRY", "MIRRORS"],
+    &["COPLANAR", "TINTED_GLASS", "RAY_QUERY", "BOUNCES", "MANY_LIGHTS"],
+    &["COPLANAR", "TINTED_GLASS", "ALPHA_MASKED_GEOMETRY", "MIRRORS"],
+    &["COPLANAR"],
+    &["COPLANAR", "RAY_QUERY", "RENDER_LAYERS"],
+    &["COPLANAR", "LAYERED_RAYS", "ALPHA_MASKED_GEOMETRY", "MIRRORS"],
     &["LAYERED_RAYS", "ALPHA_MASKED_GEOMETRY", "MIRRORS"],
-    &["LAYERED_RAYS", "RAY_QUERY", "MIRRORS", "TINTED_GLASS", "BOUNCES"],
-    &["LAYERED_RAYS", "REFRACTION", "ALPHA_MASKED_GEOMETRY", "MIRRORS"],
+    &[
+        "COPLANAR",
+        "LAYERED_RAYS",
+        "RAY_QUERY",
+        "MIRRORS",
+        "TINTED_GLASS",
+        "BOUNCES",
+    ],
+    &[
+        "COPLANAR",
+        "LAYERED_RAYS",
+        "REFRACTION",
+        "ALPHA_MASKED_GEOMETRY",
+        "MIRRORS",
+    ],
     &["SURFACE_SHADER"],
     &["SURFACE_SHADER", "RAY_QUERY", "BOUNCES", "MANY_LIGHTS", "LAYERED_RAYS"],
     &["LAYERED_RAYS", "REFRACTION", "RAY_QUERY", "TINTED_GLASS", "BOUNCES"],
-    &["REFRACTION", "ALPHA_MASKED_GEOMETRY", "SCREEN_TRACES", "SCREEN_MARCH"],
+    &[
+        "COPLANAR",
+        "REFRACTION",
+        "ALPHA_MASKED_GEOMETRY",
+        "SCREEN_TRACES",
+        "SCREEN_MARCH",
+    ],
     &[
         "REFRACTION",
         "RAY_QUERY",
@@ -485,7 +507,9 @@ fn lights_and_counts_match_the_cpu() {
             left_count,
             restless_probes,
             light_texture_count,
-            first_light_texture
+            first_light_texture,
+            largest_depth_bias,
+            depth_bias_range
         ]
     );
 }

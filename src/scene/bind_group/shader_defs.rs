@@ -40,6 +40,10 @@ impl SceneBindings {
             (self.see_through.has_tints(), Features::TINTS),
             (self.see_through.has_partial(), Features::LAYERS),
             (self.see_through.has_refraction(), Features::REFRACTION),
+            (
+                self.see_through.has_partial() || self.depth_biases.exist(),
+                Features::COPLANAR,
+            ),
             (self.has_forward_surfaces(), Features::FORWARD_SURFACES),
             (self.uniform_data.light_leaf_count > 0, Features::LIGHT_SAMPLING),
             (

@@ -46,6 +46,9 @@ pub use tlas::{Inverse, Tlas, TlasInstance, build_tlas, build_tlas_of, invert, j
 
 /// For tests and tools.
 #[cfg(any(test, feature = "internals"))]
+pub use crate::scene::coplanar::DrawnOrder;
+/// For tests and tools.
+#[cfg(any(test, feature = "internals"))]
 pub use {
     format::{ENTRY, ONE_ENTRY},
     opacity::{OPAQUE, TRANSPARENT, UNKNOWN, micro_triangle, state_of},

@@ -1,8 +1,11 @@
 //! `bvh.wesl` on the CPU, over the same items: an oracle for tests of trees and of the shader.
 
 use super::format::{ENTRY, Item, ONE_ENTRY, OWNER_SHIFT};
-use crate::scene::gpu_types::{
-    INSTANCE_ALPHA_MASKED, INSTANCE_CASTS_SHADOW, INSTANCE_CULL_BACK, INSTANCE_CULL_FRONT, INSTANCE_MIRRORED,
+use crate::scene::{
+    coplanar::DrawnOrder,
+    gpu_types::{
+        INSTANCE_ALPHA_MASKED, INSTANCE_CASTS_SHADOW, INSTANCE_CULL_BACK, INSTANCE_CULL_FRONT, INSTANCE_MIRRORED,
+    },
 };
 use bevy::math::{UVec2, Vec3, Vec4, Vec4Swizzles, uvec2};
 
@@ -17,6 +20,8 @@ pub struct SceneView<'a> {
     pub tlas_root: u32,
     /// The alpha test of masked instances by instance, triangle and barycentrics. Without it, they count as solid.
     pub alpha_test: Option<fn(u32, u32, [f32; 2]) -> bool>,
+    /// The order of surfaces in the same place, in which instances count as their entities. Without it, any of them is hit.
+    pub order: Option<DrawnOrder<'a>>,
 }
 
 /// A ray in world space.
@@ -120,7 +125,10 @@ fn traverse(scene: &SceneView, ray: &TraceRay, any: bool, counters: &mut Counter
     let mut local = LocalRay::new(ray.origin, ray.direction);
     let mut stack: Vec<UVec2> = Vec::new();
     let mut hit: Option<TraceHit> = None;
-    let mut t_max = ray.t_max;
+    // The largest distance by which a hit is compared, which isn't its own distance if surfaces in the same place have an order.
+    let origin_size = ray.origin.abs().max_element();
+    let order = scene.order.filter(|_| !any);
+    let mut t_max = order.map_or(ray.t_max, |order| order.last(ray.t_max, origin_size));
     // Stack height at which the ray entered the BLAS.
     let mut blas: Option<usize> = None;
     let mut entry_owner = 0;
@@ -166,7 +174,12 @@ fn traverse(scene: &SceneView, ray: &TraceRay, any: bool, counters: &mut Counter
                 let Some(met) = meet_triangle(scene, triangle, &local, entry_owner, any, range) else {
                     continue;
                 };
-                t_max = met.t;
+                let compared = order.map_or(met.t, |order| order.distance(met.t, met.instance, origin_size));
+                let is_earlier = hit.is_some_and(|hit| compared == t_max && met.instance < hit.instance);
+                if !(compared < t_max || is_earlier) {
+                    continue;
+                }
+                t_max = compared;
                 hit = Some(met);
                 if any {
                     return hit;

@@ -1,6 +1,7 @@
 //! Packs a `StandardMaterial` for hits, apart from its textures.
 
 use crate::scene::{
+    coplanar::order_bits,
     gpu_types::*,
     see_through::{index_of_refraction, optical_depth, refracts, see_through_flags, stop_probability},
 };
@@ -21,7 +22,7 @@ pub fn is_traced(material: &StandardMaterial) -> bool {
     !matches!(material.alpha_mode, AlphaMode::Add | AlphaMode::Multiply)
 }
 
-/// The `INSTANCE_` flags that depend on an instance's material: face culling and the alpha test.
+/// The `INSTANCE_` flags that depend on an instance's material: face culling, the alpha test, and the order among coplanar surfaces.
 pub fn instance_flags(material: &StandardMaterial) -> u32 {
     let culling = match material.cull_mode {
         Some(Face::Back) => INSTANCE_CULL_BACK,
@@ -29,7 +30,7 @@ pub fn instance_flags(material: &StandardMaterial) -> u32 {
         None => 0,
     };
     let is_opaque = material.alpha_mode == AlphaMode::Opaque && stop_probability(material).is_none();
-    culling | if is_opaque { 0 } else { INSTANCE_ALPHA_MASKED }
+    culling | order_bits(material, is_drawn_forward(material)) | if is_opaque { 0 } else { INSTANCE_ALPHA_MASKED }
 }
 
 /// Alpha below which surfaces with alpha to coverage are cut out if Bevy doesn't multisample.
@@ -232,7 +233,7 @@ pub(super) fn looks_same(a: &StandardMaterial, b: &StandardMaterial) -> bool {
     bytes_of(&pack_material(a)) == bytes_of(&pack_material(b))
         && texture_ids(a) == texture_ids(b)
         && a.alpha_mode == b.alpha_mode
-        && a.cull_mode == b.cull_mode
+        && instance_flags(a) == instance_flags(b)
 }
 
 /// Returns whether Bevy's forward lighting adds the environment's specular light by a formula that is known here. On cameras with a normal

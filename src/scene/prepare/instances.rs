@@ -73,6 +73,7 @@ impl SceneBindings {
             let seen = source.filter(|_| packed.is_some());
             let material = seen.and_then(|source| surroundings.materials.get(source.material));
             self.see_through.note(slot, seen.map(|source| source.entity), material);
+            self.depth_biases.note(slot, packed.map(|packed| packed.flags));
             let own = seen.filter(|source| !source.is_stand_in);
             let forward = own.filter(|source| surroundings.materials.reflects_forward(source.material));
             self.forward.note(slot, forward.map(|source| source.entity));

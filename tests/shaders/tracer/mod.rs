@@ -3,6 +3,7 @@
 mod soup;
 
 mod bvh;
+mod coplanar;
 mod corrupt;
 mod oracle;
 mod shader;

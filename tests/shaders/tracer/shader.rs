@@ -80,8 +80,8 @@ pub fn trace_items(
     let answers = gpu.buffer(&vec![Answer::zeroed(); rays.len()]);
     let (counts, items, instances) = (gpu.buffer(&[counts]), gpu.buffer(items), gpu.buffer(instances));
     let mut scene_group = vec![(4, &counts), (6, &items)];
-    // Bound only if the shader has the alpha test.
-    if wgsl.contains("is_solid") {
+    // Bound only if the shader has the alpha test or an order of surfaces.
+    if wgsl.contains("is_solid") || wgsl.contains("drawn_distance") {
         scene_group.push((1, &instances));
     }
     gpu.dispatch(

@@ -231,6 +231,7 @@ impl Packed {
             tlas_node_count: self.tlas.traversal_node_count(),
             tlas_root: self.tlas_root,
             alpha_test: Some(alpha_test),
+            order: None,
         }
     }
 

@@ -155,6 +155,7 @@ fn nodes_of_a_ray(tlas: &Tlas, blas: &Blas, count: usize) -> f64 {
         tlas_node_count: tlas.traversal_node_count(),
         tlas_root: blas.items.len() as u32,
         alpha_test: None,
+        order: None,
     };
     let mut counters = Counters::default();
     for ray in 0..RAYS {
