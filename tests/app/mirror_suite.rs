@@ -2,6 +2,7 @@
 //! manual's table of reflected features (`src/manual/interactions.md`) has a line for each row.
 
 mod coplanar;
+mod far;
 mod haze;
 mod light;
 mod light_textures;

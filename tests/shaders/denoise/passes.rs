@@ -1,6 +1,6 @@
 //! The denoiser's passes on a wall, on a GPU or a CPU driver.
 
-use super::wall::{History, Ray, Reconstructed, VIRTUAL_HISTORY, Wall, half, unhalf};
+use super::wall::{History, Ray, Reconstructed, VIRTUAL_HISTORY, Wall, distance_bits, half, unhalf};
 use crate::{
     gpu::Gpu,
     sampling::reference::{
@@ -305,6 +305,24 @@ fn history_grows_on_what_stays() {
 }
 
 #[test]
+fn history_is_kept_at_any_distance() {
+    let Some((gpu, mut shaders)) = gpu() else { return };
+    for distance in [0.12, 50.0, 70_000.0, 1e6] {
+        let mut wall = Wall::new(uvec2(48, 40));
+        wall.distance = distance;
+        let first = wall.accumulate(gpu, &mut shaders, &image(&wall, 1.0, 0), &wall.no_history());
+        wall.accumulated = 1;
+        let second = wall.accumulate(gpu, &mut shaders, &image(&wall, 1.0, 1), &first);
+        let lengths = lengths(&second);
+        assert!(
+            lengths.iter().all(|length| (length - 2.0).abs() < 0.01),
+            "at {distance}: {:?}",
+            &lengths[..4]
+        );
+    }
+}
+
+#[test]
 fn history_of_something_else_is_dropped() {
     let Some((gpu, mut shaders)) = gpu() else { return };
     let mut wall = Wall::new(uvec2(48, 40));
@@ -350,7 +368,7 @@ fn history_of_something_else_is_dropped() {
     );
     let farther = |history: &mut History| {
         for words in &mut history.surface {
-            words[0] = (words[0] & 0xffff_0000) | u32::from(half(9.0));
+            words[0] = (words[0] & 0xffff_0000) | distance_bits(9.0);
         }
     };
     restarts("farther", &changed(&farther), &wall);

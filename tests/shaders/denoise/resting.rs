@@ -2,7 +2,7 @@
 
 use super::{
     passes::{AS_EXPECTED, gpu, image, lengths, mean},
-    wall::{Wall, half, unhalf},
+    wall::{Wall, distance_bits, unhalf},
 };
 use bevy::math::uvec2;
 
@@ -42,7 +42,7 @@ fn what_has_no_rays_shows_its_history() {
         strange
             .surface
             .iter_mut()
-            .for_each(|words| words[0] = u32::from(half(9.0)) | (words[0] & 0xffff_0000));
+            .for_each(|words| words[0] = distance_bits(9.0) | (words[0] & 0xffff_0000));
         let shown = after.accumulate(gpu, &mut shaders, &other, &strange);
         let (light, length) = if name == "resting" { (5.0, 0.0) } else { (1.0, 1.0) };
         assert!((mean(&shown) / light - 1.0).abs() < 0.02, "{name}: {}", mean(&shown));

@@ -31,14 +31,14 @@ fn shown(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_id) 
 }
 ";
 
-/// Metres from the camera to the wall.
-const WALL: f32 = 5.0;
 const NEAR: f32 = 0.1;
 
 /// The scene of the passes: every pixel is metal.
 #[derive(Clone)]
 pub struct Wall {
     pub size: UVec2,
+    /// Metres from the camera.
+    pub distance: f32,
     pub trace_scale: u32,
     /// Code of all tiles.
     pub rate: u32,
@@ -101,6 +101,11 @@ pub fn half(value: f32) -> u16 {
     }
 }
 
+/// A distance as the history stores it: `distance_bits` of `numeric.wesl`.
+pub fn distance_bits(distance: f32) -> u32 {
+    ((distance.log2() + 24.0) * 1024.0).round().clamp(1.0, 65535.0) as u32
+}
+
 pub fn unhalf(bits: u16) -> f32 {
     let (exponent, fraction) = (i32::from((bits >> 10) & 31), f32::from(bits & 0x3ff));
     let size = match exponent {
@@ -132,6 +137,7 @@ impl Wall {
     pub fn new(size: UVec2) -> Self {
         Self {
             size,
+            distance: 5.0,
             trace_scale: 2,
             rate: 0,
             roughness: 77,
@@ -169,7 +175,7 @@ impl Wall {
 
     fn position(&self, pixel: UVec2) -> Vec3 {
         let uv = (pixel.as_vec2() + 0.5) / self.size.as_vec2();
-        let ndc = vec3(uv.x * 2.0 - 1.0, 1.0 - uv.y * 2.0, NEAR / WALL);
+        let ndc = vec3(uv.x * 2.0 - 1.0, 1.0 - uv.y * 2.0, NEAR / self.distance);
         self.clip_from_view().inverse().project_point3(ndc)
     }
 
@@ -248,7 +254,7 @@ impl Wall {
         [
             snorm(p.x) | (snorm(p.y) << 16),
             pdf | (bits << 16),
-            (NEAR / WALL).to_bits(),
+            (NEAR / self.distance).to_bits(),
             surface,
         ]
     }
@@ -266,7 +272,7 @@ impl Wall {
             tiles: self.tiles(),
             tile_pixels: 16 * self.trace_scale,
             wide: ["reconstruct", "one_pass"].contains(&module) && self.trace_scale == 2,
-            depth: NEAR / WALL,
+            depth: NEAR / self.distance,
         };
         let uniforms = |module: &naga::Module| [self.view_uniform(module), self.settings_uniform(module)];
         let mut pass = Pass::new(gpu, shaders, module, &view, uniforms);

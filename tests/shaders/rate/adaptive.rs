@@ -28,6 +28,22 @@ fn halves(low: f32, high: f32) -> u32 {
     u32::from(half(low)) | (u32::from(half(high)) << 16)
 }
 
+/// A distance as the history stores it: `numeric.wesl`.
+fn distance_bits(distance: f32) -> u32 {
+    if distance == 0.0 {
+        return 0;
+    }
+    ((distance.log2() + 24.0) * 1024.0).round() as u32
+}
+
+fn distance_of_bits(bits: u32) -> f32 {
+    if bits == 0 {
+        0.0
+    } else {
+        (bits as f32 / 1024.0 - 24.0).exp2()
+    }
+}
+
 fn unpack(word: u32) -> [f32; 2] {
     [word as u16, (word >> 16) as u16].map(unhalf)
 }
@@ -96,7 +112,7 @@ impl Past {
                     if stray == 3 { -hit } else { hit },
                     variance * (1.2 + random.signed()),
                 ));
-                past.surface.push([halves(found, 0.0), 0]);
+                past.surface.push([distance_bits(found), 0]);
             }
         }
         past
@@ -149,7 +165,7 @@ fn look_back(case: &Case, past: &Past, tile: UVec2) -> Seen {
         let [light, _] = unpack(past.radiance[texel][0]);
         let [_, frames] = unpack(past.radiance[texel][1]);
         let [hit, variance] = unpack(past.stats[texel]);
-        let [found, _] = unpack(past.surface[texel][0]);
+        let found = distance_of_bits(past.surface[texel][0]);
         let distance = case.place(pixel, past.depth).distance(case.viewer());
         let same = inside && found > 0.0 && (found - distance).abs() <= 0.03 * distance;
         if !same || frames < if mirror { 0.5 } else { 2.5 } {

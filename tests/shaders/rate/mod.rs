@@ -6,7 +6,10 @@ mod pass;
 mod reference;
 mod vrs;
 
-use crate::{gpu::Gpu, wesl::Shaders};
+use crate::{
+    gpu::{Checks, Gpu},
+    wesl::{self, Shaders},
+};
 use bevy::{
     asset::Handle,
     math::{Mat4, UVec2, Vec3, uvec2, vec2},
@@ -321,6 +324,45 @@ fn rays_are_as_many_as_the_rate_says() {
             "{rate}"
         );
         assert_eq!(output.tiles.len(), 4 * 2);
+    }
+}
+
+/// Answers with the size of a dispatch, and with the number of its last workgroup.
+const LISTS: &str = "
+import package::common::lists::{all_rays_size, all_rays_workgroup};
+
+@group(0) @binding(0) var<storage, read> lengths: array<u32>;
+@group(0) @binding(1) var<storage, read_write> sizes: array<vec4<u32>>;
+
+@compute @workgroup_size(1)
+fn size(@builtin(global_invocation_id) id: vec3<u32>) {
+    let size = all_rays_size(lengths[id.x]);
+    sizes[id.x] = vec4(size, all_rays_workgroup(size - 1u));
+}
+";
+
+/// A dispatch has at most 65,535 workgroups in each direction.
+#[test]
+fn lists_of_any_length_are_dispatched() {
+    let Some(gpu) = Gpu::new() else { return };
+    // The last but one are the rays of 8192x4320 pixels, and of twice as many in each direction.
+    let lengths = [1_u32, 8, 9, 8 * 65535, 8 * 65535 + 1, 552_960, 2_211_840, 67_108_864];
+    let (answers, count) = (gpu.buffer(&[[0_u32; 4]; 8]), lengths.len() as u32);
+    gpu.dispatch(
+        &gpu.pipeline(&wesl::flatten(LISTS, &[], &[]), "size", Checks::On),
+        &[&[(0, &gpu.buffer(&lengths)), (1, &answers)]],
+        count,
+    );
+    for (workgroups, [x, y, z, last]) in lengths.into_iter().zip(gpu.read::<[u32; 4]>(&answers)) {
+        assert!(
+            [x, y, z].iter().all(|size| (1..=65535).contains(size)),
+            "{workgroups}: {x}, {y}, {z}"
+        );
+        assert_eq!(last + 1, x * y * z, "all places are different");
+        assert!(
+            x * y * z >= workgroups && x * y * (z - 1) < workgroups,
+            "{workgroups}: {x}, {y}, {z}"
+        );
     }
 }
 

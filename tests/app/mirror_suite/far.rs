@@ -1,0 +1,74 @@
+//! Mirrors far from the world's origin.
+
+use crate::{
+    pictures::{PATIENCE, apps, differing_pixels, dump, reflect},
+    stage::{SIZE, clear, metal, spawn_mesh, unlit},
+};
+use bevy::{core_pipeline::tonemapping::Tonemapping, prelude::*};
+use bevy_glint::{RayTracedReflections, ReflectionTechnique};
+use core::f32::consts::FRAC_PI_2;
+use glint_scenes::{HeadlessApp, Output};
+
+/// Images of a mirror that faces x, with a ball of 4 cm hanging 3 cm before it: with reflections, and without.
+fn images(app: &mut HeadlessApp, origin: Vec3) -> [Vec<u8>; 2] {
+    let at = |x: f32, y: f32, z: f32| Transform::from_translation(origin + Vec3::new(x, y, z));
+    let facing = Quat::from_rotation_y(FRAC_PI_2);
+    spawn_mesh(
+        app,
+        Rectangle::new(8.0, 8.0),
+        metal(0.0),
+        at(0.0, 0.0, 0.0).with_rotation(facing),
+    );
+    let back = at(6.0, 0.0, 0.0).with_rotation(facing.inverse());
+    spawn_mesh(app, Rectangle::new(16.0, 16.0), unlit([90, 90, 90]), back);
+    spawn_mesh(
+        app,
+        Sphere::new(0.04).mesh().uv(32, 16),
+        unlit([40, 240, 40]),
+        at(0.07, 0.0, 0.0),
+    );
+    spawn_mesh(
+        app,
+        Cuboid::new(0.02, 0.2, 0.1),
+        unlit([240, 60, 40]),
+        at(0.04, 0.0, -0.2),
+    );
+    let camera = app.spawn_camera(at(0.35, 0.12, 0.35).looking_at(origin + Vec3::new(0.02, 0.0, -0.05), Vec3::Y));
+    app.world().entity_mut(camera).insert(Tonemapping::None);
+    reflect(app, camera, ReflectionTechnique::Reference);
+    app.step(2);
+    let reflected = app.capture().unwrap();
+    app.world().entity_mut(camera).remove::<RayTracedReflections>();
+    // Nothing reflects, so only Bevy's own pipelines are awaited.
+    app.warm_up(PATIENCE).unwrap();
+    app.step(2);
+    let plain = app.capture().unwrap();
+    clear(app);
+    [reflected, plain]
+}
+
+#[test]
+fn what_nearly_touches_a_mirror_is_reflected_far_from_the_origin() {
+    for (tracer, mut app) in apps(SIZE, Output::Picture) {
+        let [near, plain_near] = images(&mut app, Vec3::ZERO);
+        let shown = differing_pixels(&near, &plain_near, 16);
+        assert!(shown > 200, "{tracer}: only {shown} pixels are reflections");
+        for distance in [-1024.0, 4096.0] {
+            let [far, plain] = images(&mut app, Vec3::new(distance, 3.0, 0.25 * distance));
+            let (apart, edges) = (
+                differing_pixels(&far, &near, 16),
+                differing_pixels(&plain, &plain_near, 16),
+            );
+            println!(
+                "{tracer}, at {distance}: {apart} pixels apart, {edges} of them without reflections, {shown} are reflections"
+            );
+            if apart > 2 * edges + 40 {
+                let folder = dump(&format!("mirror at {distance}"), SIZE, &near, &far);
+                panic!(
+                    "{tracer}, at {distance}: {apart} pixels apart, {edges} without reflections; see {}",
+                    folder.display()
+                );
+            }
+        }
+    }
+}
