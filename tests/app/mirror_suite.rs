@@ -7,6 +7,7 @@ mod haze;
 mod light;
 mod light_textures;
 mod materials;
+mod random;
 mod sky;
 mod transmission;
 
@@ -238,6 +239,8 @@ struct Stage<'a> {
     /// A second mirror, in which the first one shows the scene.
     second: Option<Entity>,
     frames: u32,
+    /// Pixels of an image in a line.
+    width: u32,
     /// Direction of the light. The default comes from behind the mirror and doesn't light it.
     sun: Vec3,
 }
@@ -260,6 +263,7 @@ impl<'a> Stage<'a> {
             bounces: 1,
             second: None,
             frames: 2,
+            width: SIZE.x,
             sun: SUN,
         }
     }
@@ -454,7 +458,7 @@ impl<'a> Stage<'a> {
         if self.second.is_some() {
             return picture;
         }
-        let lines = picture.chunks_exact(4 * SIZE.x as usize);
+        let lines = picture.chunks_exact(4 * self.width as usize);
         lines
             .flat_map(|line| line.chunks_exact(4).rev())
             .flatten()

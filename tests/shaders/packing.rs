@@ -11,7 +11,7 @@ use bevy::{
     prelude::{AlphaMode, GlobalTransform, LinearRgba, Transform},
     render::render_resource::{Face, TextureFormat},
 };
-use bevy_glint::internals::{gpu_types::*, materials::*, pack_lights::*};
+use bevy_glint::internals::{bvh::TRAVERSAL_FLAGS, gpu_types::*, materials::*, pack_lights::*};
 
 #[test]
 fn defaults_keep_their_values() {
@@ -73,18 +73,21 @@ fn flags_follow_the_material() {
         (packed.uv_transform, packed.uv_offset),
         ([2.0, 0.0, 0.0, 3.0], [4.0, 5.0])
     );
-    assert_eq!(instance_flags(&material), INSTANCE_ALPHA_MASKED);
+    assert_eq!(instance_flags(&material) & TRAVERSAL_FLAGS, INSTANCE_ALPHA_MASKED);
     assert_eq!(
         texture_ids(&material).map(|id| id.is_some()),
         [false, false, false, true, false]
     );
 
-    assert_eq!(instance_flags(&StandardMaterial::default()), INSTANCE_CULL_BACK);
+    assert_eq!(
+        instance_flags(&StandardMaterial::default()) & TRAVERSAL_FLAGS,
+        INSTANCE_CULL_BACK
+    );
     let front = StandardMaterial {
         cull_mode: Some(Face::Front),
         ..Default::default()
     };
-    assert_eq!(instance_flags(&front), INSTANCE_CULL_FRONT);
+    assert_eq!(instance_flags(&front) & TRAVERSAL_FLAGS, INSTANCE_CULL_FRONT);
 }
 
 #[test]

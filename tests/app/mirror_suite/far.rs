@@ -62,7 +62,8 @@ fn what_nearly_touches_a_mirror_is_reflected_far_from_the_origin() {
             println!(
                 "{tracer}, at {distance}: {apart} pixels apart, {edges} of them without reflections, {shown} are reflections"
             );
-            if apart > 2 * edges + 40 {
+            // The gap of 16 mm moves edges; without the reflection of the ball and the box, hundreds differ.
+            if apart > 2 * edges + 80 {
                 let folder = dump(&format!("mirror at {distance}"), SIZE, &near, &far);
                 panic!(
                     "{tracer}, at {distance}: {apart} pixels apart, {edges} without reflections; see {}",
