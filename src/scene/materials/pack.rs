@@ -137,7 +137,7 @@ pub fn pack_material(material: &StandardMaterial) -> GpuMaterial {
             AlphaMode::AlphaToCoverage => COVERAGE,
             _ => -1.0,
         }),
-        diffuse_share: (1.0 - unit_or(material.diffuse_transmission, 0.0)) * stopped_share(material),
+        diffuse_share: (1.0 - diffuse_transmission(material)) * stopped_share(material),
         lightmap_exposure: color(material.lightmap_exposure),
         clearcoat: packed_clearcoat(material),
         thickness: light_thickness(material),
@@ -181,12 +181,21 @@ fn stopped_share(material: &StandardMaterial) -> f32 {
     }
 }
 
-/// Fraction of diffuse light that the material transmits. Bevy's deferred renderer transmits none.
+/// Diffuse transmission as Bevy applies it: the G-buffer doesn't store it.
+fn diffuse_transmission(material: &StandardMaterial) -> f32 {
+    if is_drawn_forward(material) {
+        unit_or(material.diffuse_transmission, 0.0)
+    } else {
+        0.0
+    }
+}
+
+/// Fraction of diffuse light that the material transmits.
 fn transmitted_share(material: &StandardMaterial) -> f32 {
-    if material.unlit || material.opaque_render_method == OpaqueRendererMethod::Deferred {
+    if material.unlit {
         return 0.0;
     }
-    unit_or(material.diffuse_transmission, 0.0) * stopped_share(material)
+    diffuse_transmission(material) * stopped_share(material)
 }
 
 /// The thickness, for materials with transmission that depends on it.

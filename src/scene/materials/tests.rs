@@ -156,8 +156,15 @@ fn a_table_knows_whether_light_comes_through_any_material() {
         opaque_render_method: OpaqueRendererMethod::Deferred,
         ..leaf
     };
-    table.write(index, pack_material(&deferred));
+    let packed = pack_material(&deferred);
+    assert_eq!((packed.emissive[3], packed.diffuse_share), (0.0, 1.0));
+    table.write(index, packed);
     assert!(!table.has_diffuse_transmission(), "Bevy draws it without");
+    let blended = StandardMaterial {
+        alpha_mode: AlphaMode::Blend,
+        ..deferred
+    };
+    assert_eq!(pack_material(&blended).emissive[3], 0.75, "Bevy draws it forward");
 }
 
 /// Materials, and the images that they wait for.

@@ -12,7 +12,7 @@ use bevy::{
 };
 use bevy_glint::ReflectionTechnique;
 
-pub(super) const ROWS: [Row; 9] = [
+pub(super) const ROWS: [Row; 10] = [
     ("a transform of both UV sets", |stage| {
         stage.spawn_with_second_uvs(AlphaMode::Opaque);
     }),
@@ -55,6 +55,13 @@ pub(super) const ROWS: [Row; 9] = [
             emissive_exposure_weight: 0.97,
             reflectance: 0.0,
             alpha_mode: AlphaMode::Blend,
+            ..blue()
+        });
+    }),
+    ("diffuse transmission that deferred materials ignore", |stage| {
+        stage.light_and_spawn(StandardMaterial {
+            diffuse_transmission: 0.8,
+            opaque_render_method: OpaqueRendererMethod::Deferred,
             ..blue()
         });
     }),
