@@ -109,9 +109,14 @@ pub fn apart(subcommand: &str, package: &str) -> Command {
         .arg(root.join(package).join("Cargo.toml"));
     if env::var_os(TARGET).is_none() {
         // Otherwise the folder is beside its manifest, where git would see it.
-        command.env(TARGET, root.join("target"));
+        command.env(TARGET, target_folder());
     }
     command
+}
+
+/// The folder of builds.
+pub fn target_folder() -> PathBuf {
+    env::var_os(TARGET).map_or_else(|| workspace_root().join("target"), PathBuf::from)
 }
 
 /// Builds the program of one of the packages in [`APART`], and returns its path.
