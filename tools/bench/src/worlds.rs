@@ -80,7 +80,7 @@ enum Change {
     Material,
     /// An object that was static so far, a different one in each round.
     Touch,
-    /// All objects move by one vector, once in each round.
+    /// All objects and the camera move by one vector, once in each round.
     Shift,
     /// This number of objects each move by their own vector, once in each round.
     Explosion(usize),
@@ -594,6 +594,11 @@ impl Setup {
                 };
                 transform.translation += Vec3::new(own, 0.5, own);
             }
+        }
+        if change == Change::Shift
+            && let Some(mut transform) = self.app.world().get_mut::<Transform>(self.camera)
+        {
+            transform.translation.y += 0.5;
         }
         let frames = (0..AFTERMATH).map(|_| Round::of(&[self.step()]));
         let slowest = frames.max_by(|a, b| a.all.total_cmp(&b.all));
