@@ -10,6 +10,7 @@
 
 mod compare;
 mod device;
+mod objects;
 mod pass;
 mod resources;
 mod slang;

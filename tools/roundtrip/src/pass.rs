@@ -1,37 +1,17 @@
 //! Runs a compute pass once, and returns its outputs.
 
 use crate::device::Gpu;
+use crate::objects::{Memory, Run};
 use crate::resources::{Image, Kind, Pass, Resource};
 use crate::structures;
 use anyhow::{Context, Result, bail, ensure};
-use ash::{Device, vk};
+use ash::vk;
 use std::collections::BTreeMap;
 use std::ffi::CString;
 use std::slice;
 
 /// Group of the constants that DirectX's translations get, the number of workgroups: `tools/translate` selects it.
 const CONSTANTS: u32 = 7;
-
-/// Nanoseconds until a pass counts as endless. CPU drivers compile when a pass begins, which takes long.
-const LIMIT: u64 = 120_000_000_000;
-
-/// All objects of a run, which end with it.
-pub(crate) struct Run<'a> {
-    pub gpu: &'a Gpu,
-    memory: Vec<vk::DeviceMemory>,
-    buffers: Vec<vk::Buffer>,
-    images: Vec<vk::Image>,
-    views: Vec<vk::ImageView>,
-    samplers: Vec<vk::Sampler>,
-    sets: Vec<vk::DescriptorSetLayout>,
-    pool: vk::DescriptorPool,
-    layout: vk::PipelineLayout,
-    module: vk::ShaderModule,
-    pipeline: vk::Pipeline,
-    pub commands: vk::CommandBuffer,
-    fence: vk::Fence,
-    pub structures: Vec<vk::AccelerationStructureKHR>,
-}
 
 /// A resource on the device.
 enum Bound {
@@ -40,14 +20,6 @@ enum Bound {
     Image(vk::Image, vk::ImageView, Memory),
     Sampler(vk::Sampler),
     Structure(vk::AccelerationStructureKHR),
-}
-
-/// A buffer that the CPU can access.
-#[derive(Clone, Copy)]
-pub(crate) struct Memory {
-    pub buffer: vk::Buffer,
-    memory: vk::DeviceMemory,
-    size: u64,
 }
 
 /// Runs SPIR-V with the resources of a pass. Returns the contents of its outputs.
@@ -91,71 +63,7 @@ pub fn run(gpu: &Gpu, pass: &Pass, code: &[u8]) -> Result<Vec<Vec<u8>>> {
         .collect()
 }
 
-impl<'a> Run<'a> {
-    fn new(gpu: &'a Gpu) -> Self {
-        // Missing objects are null handles, which Vulkan allows to destroy.
-        Self {
-            gpu,
-            memory: Vec::new(),
-            buffers: Vec::new(),
-            images: Vec::new(),
-            views: Vec::new(),
-            samplers: Vec::new(),
-            sets: Vec::new(),
-            pool: vk::DescriptorPool::null(),
-            layout: vk::PipelineLayout::null(),
-            module: vk::ShaderModule::null(),
-            pipeline: vk::Pipeline::null(),
-            commands: vk::CommandBuffer::null(),
-            fence: vk::Fence::null(),
-            structures: Vec::new(),
-        }
-    }
-
-    fn device(&self) -> &'a Device {
-        &self.gpu.device
-    }
-
-    /// Makes a buffer with these contents.
-    pub fn buffer(&mut self, contents: &[u8], usage: vk::BufferUsageFlags) -> Result<Memory> {
-        let size = contents.len().max(16) as u64;
-        let info = vk::BufferCreateInfo::default()
-            .size(size)
-            .usage(usage | vk::BufferUsageFlags::TRANSFER_SRC | vk::BufferUsageFlags::TRANSFER_DST);
-        let flags = vk::MemoryPropertyFlags::HOST_VISIBLE | vk::MemoryPropertyFlags::HOST_COHERENT;
-        // SAFETY: the memory has the size and type that the buffer needs, and is mapped only here.
-        unsafe {
-            let buffer = self.device().create_buffer(&info, None)?;
-            self.buffers.push(buffer);
-            let memory = self
-                .gpu
-                .allocate(self.device().get_buffer_memory_requirements(buffer), flags)?;
-            self.memory.push(memory);
-            self.device().bind_buffer_memory(buffer, memory, 0)?;
-            let mapped = self.device().map_memory(memory, 0, size, vk::MemoryMapFlags::empty())?;
-            slice::from_raw_parts_mut(mapped.cast::<u8>(), contents.len()).copy_from_slice(contents);
-            self.device().unmap_memory(memory);
-            Ok(Memory {
-                buffer,
-                memory,
-                size: contents.len() as u64,
-            })
-        }
-    }
-
-    /// The contents of a buffer.
-    fn read(&self, from: Memory) -> Result<Vec<u8>> {
-        // SAFETY: the memory was allocated with this size, no command uses it any more, and it is mapped only here.
-        unsafe {
-            let mapped = self
-                .device()
-                .map_memory(from.memory, 0, vk::WHOLE_SIZE, vk::MemoryMapFlags::empty())?;
-            let contents = slice::from_raw_parts(mapped.cast::<u8>(), from.size as usize).to_vec();
-            self.device().unmap_memory(from.memory);
-            Ok(contents)
-        }
-    }
-
+impl Run<'_> {
     fn bind(&mut self, resource: &Resource) -> Result<Bound> {
         let buffer = |run: &mut Self, usage| run.buffer(&resource.contents, usage);
         Ok(match resource.kind {
@@ -347,39 +255,6 @@ impl<'a> Run<'a> {
         Ok(())
     }
 
-    fn begin(&mut self) -> Result<()> {
-        let info = vk::CommandBufferAllocateInfo::default()
-            .command_pool(self.gpu.pool)
-            .command_buffer_count(1);
-        // SAFETY: the pool belongs to the device.
-        unsafe {
-            self.commands = self.device().allocate_command_buffers(&info)?[0];
-            self.device()
-                .begin_command_buffer(self.commands, &vk::CommandBufferBeginInfo::default())?;
-        }
-        Ok(())
-    }
-
-    /// Waits for all earlier commands, and moves images to a new layout.
-    pub fn barrier(&self, images: &[vk::ImageMemoryBarrier]) {
-        let memory = vk::MemoryBarrier::default()
-            .src_access_mask(vk::AccessFlags::MEMORY_WRITE)
-            .dst_access_mask(vk::AccessFlags::MEMORY_READ | vk::AccessFlags::MEMORY_WRITE);
-        let all = vk::PipelineStageFlags::ALL_COMMANDS | vk::PipelineStageFlags::HOST;
-        // SAFETY: the commands are being recorded.
-        unsafe {
-            self.device().cmd_pipeline_barrier(
-                self.commands,
-                vk::PipelineStageFlags::ALL_COMMANDS,
-                all,
-                vk::DependencyFlags::empty(),
-                slice::from_ref(&memory),
-                &[],
-                images,
-            );
-        }
-    }
-
     fn upload(&self, image: &Image, handle: vk::Image, texels: vk::Buffer) {
         let to_general = vk::ImageMemoryBarrier::default()
             .image(handle)
@@ -425,25 +300,6 @@ impl<'a> Run<'a> {
         }
         self.barrier(&[]);
     }
-
-    fn finish(&mut self) -> Result<()> {
-        self.barrier(&[]);
-        let submit = vk::SubmitInfo::default().command_buffers(slice::from_ref(&self.commands));
-        // SAFETY: all resources live until the fence is signaled, or the program ends.
-        let waited = unsafe {
-            self.gpu.device.end_command_buffer(self.commands)?;
-            self.fence = self.gpu.device.create_fence(&vk::FenceCreateInfo::default(), None)?;
-            self.gpu
-                .device
-                .queue_submit(self.gpu.queue, slice::from_ref(&submit), self.fence)?;
-            self.gpu.device.wait_for_fences(&[self.fence], true, LIMIT)
-        };
-        if waited == Err(vk::Result::TIMEOUT) {
-            // Nothing that the pass uses can be destroyed.
-            bail!("the pass doesn't end");
-        }
-        Ok(waited?)
-    }
 }
 
 fn aspect(image: &Image) -> vk::ImageAspectFlags {
@@ -486,44 +342,6 @@ fn entry_point(words: &[u32]) -> Result<CString> {
         rest = &rest[length..];
     }
     bail!("no entry point")
-}
-
-impl Drop for Run<'_> {
-    fn drop(&mut self) {
-        let device = self.device();
-        // SAFETY: no command uses any of it, and null handles are ignored.
-        unsafe {
-            // After a timeout the pass is still running, and the caller ends the program.
-            if self.fence != vk::Fence::null() && device.get_fence_status(self.fence) != Ok(true) {
-                return;
-            }
-            device.destroy_fence(self.fence, None);
-            if self.commands != vk::CommandBuffer::null() {
-                device.free_command_buffers(self.gpu.pool, &[self.commands]);
-            }
-            for structure in &self.structures {
-                self.gpu.structures.destroy_acceleration_structure(*structure, None);
-            }
-            device.destroy_pipeline(self.pipeline, None);
-            device.destroy_pipeline_layout(self.layout, None);
-            device.destroy_shader_module(self.module, None);
-            device.destroy_descriptor_pool(self.pool, None);
-            self.sets
-                .iter()
-                .for_each(|set| device.destroy_descriptor_set_layout(*set, None));
-            self.views
-                .iter()
-                .for_each(|view| device.destroy_image_view(*view, None));
-            self.samplers
-                .iter()
-                .for_each(|sampler| device.destroy_sampler(*sampler, None));
-            self.images.iter().for_each(|image| device.destroy_image(*image, None));
-            self.buffers
-                .iter()
-                .for_each(|buffer| device.destroy_buffer(*buffer, None));
-            self.memory.iter().for_each(|memory| device.free_memory(*memory, None));
-        }
-    }
 }
 
 #[cfg(test)]

@@ -1,6 +1,6 @@
 //! The acceleration structure of passes with ray queries: instances of some random triangles.
 
-use crate::pass::{Memory, Run};
+use crate::objects::{Memory, Run};
 use crate::values::Values;
 use anyhow::Result;
 use ash::vk;

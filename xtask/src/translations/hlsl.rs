@@ -31,11 +31,11 @@ pub struct RoundTrip {
     library: PathBuf,
 }
 
-/// The program that calls the compiler and runs what it writes.
+/// The program that calls the compiler and runs its output.
 struct Tool<'a> {
     program: PathBuf,
     library: &'a Path,
-    /// The folder of what the compiler writes.
+    /// The folder of the compiler's output.
     returned: PathBuf,
     /// There is a validator of SPIR-V.
     validates: bool,
@@ -83,7 +83,7 @@ impl RoundTrip {
         Ok(())
     }
 
-    /// Builds the program, and empties the folder of what the compiler writes.
+    /// Builds the program and empties the output folder.
     fn tool(&self, returned: PathBuf) -> Result<Tool<'_>> {
         _ = fs::remove_dir_all(&returned);
         fs::create_dir_all(&returned)?;

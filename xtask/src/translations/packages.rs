@@ -9,7 +9,7 @@ use anyhow::{Context, Result, bail, ensure};
 
 /// npm's files of Dawn for Node, which carries Tint.
 const DAWN: (&str, &str) = (include_str!("package.json"), include_str!("package-lock.json"));
-/// The requirement of pip: the Python package that carries Slang, in the build of which we use the libraries alone.
+/// Requirement of pip for the Python package that carries Slang. Only its libraries are used.
 const SLANG: &str = include_str!("requirements.txt");
 /// The only platform of [`SLANG`]'s hash.
 const PLATFORM: [&str; 6] = [
