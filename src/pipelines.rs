@@ -297,8 +297,8 @@ impl Pipelines {
             .bind_group(variant.pass.label, device, context, contents)
     }
 
-    /// Begins a compute pass in the first of these variants that is compiled, with the stand-in of [`Self::best`] for its features, and
-    /// with all groups set. Returns `None` if there is none, or if the view lacks a target. `given` are the resources for bindings
+    /// Begins a compute pass with all groups set. It runs the first of these variants that is compiled; [`Self::best`] chooses its features.
+    /// Returns `None` if none is compiled, or if the view lacks a target. `given` are the resources for bindings
     /// declared by [`Binding::given`](crate::gbuffer::Binding::given), in order.
     pub(crate) fn begin<'a>(
         &self,

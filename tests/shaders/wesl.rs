@@ -143,7 +143,7 @@ impl Shaders {
             .map_err(|error| format!("{name}: {error}"))
     }
 
-    /// Definitions with an effect on a module or on what it imports.
+    /// Definitions that affect a module or its imports.
     fn definitions(&self, name: &str) -> BTreeSet<&str> {
         let mut found = BTreeSet::new();
         let mut seen = BTreeSet::from([name.to_owned()]);

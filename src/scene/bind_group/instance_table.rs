@@ -16,7 +16,7 @@ use crate::scene::{
     upload::{ScatterKernels, StorageSlice},
 };
 use bevy::{
-    math::Affine3A,
+    math::{Affine3A, Vec3A},
     render::{
         render_resource::{Buffer, PipelineCache},
         renderer::{RenderDevice, RenderQueue},
@@ -267,6 +267,16 @@ impl InstanceTable {
         true
     }
 
+    /// Moves the last place of an object with the world, so that only its own movement is left. The object must get a new place in this
+    /// frame.
+    pub fn carry(&mut self, slot: u32, by: Vec3A) {
+        if let Some(data) = self.data.get_mut(slot as usize) {
+            for (row, by) in data.world_from_object.iter_mut().zip(by.to_array()) {
+                row[3] += by;
+            }
+        }
+    }
+
     /// The transform of an object in the buffer, if rays can hit it.
     pub fn place(&self, slot: u32) -> Option<&[[f32; 4]; 3]> {
         self.can_be_hit(slot)
@@ -418,6 +428,36 @@ mod tests {
             lightmap_rect_or_motion: rect,
             ..Default::default()
         })
+    }
+
+    #[test]
+    fn shifts_of_the_world_are_no_motion() {
+        let Some((device, _)) = test_gpu::device() else {
+            return;
+        };
+        let mut table = InstanceTable::new(&device);
+        table.reserve(2, &device);
+        for slot in [0, 1] {
+            assert!(table.set(slot, object(0.0, NO_TEXTURE, [0; 2])));
+        }
+        table.settle();
+        // The first one is shifted by 64 m, the second one also moves by 1 m.
+        assert!(table.shift(0, &at(64.0)));
+        table.carry(1, Vec3A::X * 64.0);
+        table.set_matrices(1, &at(65.0));
+        table.settle();
+        let motion = |slot: usize| table.data[slot].lightmap_rect_or_motion;
+        let of = |before: f32, now: f32| {
+            let [before, now] = [before, now].map(at);
+            pack_motion(
+                &now.world_from_object,
+                &before.world_from_object,
+                &now.object_from_world,
+            )
+        };
+        assert_eq!(table.flags(0) & (INSTANCE_MOVING | INSTANCE_RESTLESS), 0);
+        assert_eq!(motion(1), of(64.0, 65.0));
+        assert_ne!(motion(1), of(0.0, 65.0));
     }
 
     #[test]

@@ -12,11 +12,13 @@ use bevy::{
     math::{Affine3A, Vec3, Vec3A},
 };
 
-/// Objects that don't take part, such as a sky dome, as a fraction of all: more of them, and the rest are just objects that move together.
+/// One in this number of objects can stay behind, as a sky dome does, or move on its own. With a higher number, fewer shifts are recognised;
+/// with a lower one, objects that only move together count as the world.
 const OTHERS: usize = 10;
-/// Objects that suggest a vector. Others move on their own in the same frame.
+/// Number of objects that suggest a vector. A higher number finds it among more objects that move on their own, and costs more.
 const SAMPLES: usize = 5;
-/// Rounding errors of two sums, relative to the coordinates.
+/// Rounding errors of two sums, relative to the coordinates. With a lower value, rounding makes objects stay behind; with a higher one, slow
+/// movement of far objects counts as part of the shift.
 const TOLERANCE: f32 = 4.0 * f32::EPSILON;
 
 /// Returns whether a camera that moves by `step` moves with the world: it can also walk in the same frame.
@@ -62,20 +64,25 @@ impl SceneBindings {
         }
         let places = |slot: u32| Some((self.instances.place(slot)?, &instances.get(slot)?.world_from_object));
         let samples = moved.iter().step_by((moved.len() / SAMPLES).max(1)).take(SAMPLES);
-        let mut candidates = samples.filter_map(|slot| places(*slot).and_then(|(before, now)| step(before, now)));
-        candidates.find(|by| {
-            let shifted = moved
-                .iter()
-                .filter(|slot| places(**slot).is_some_and(|(before, now)| is_shifted(before, now, *by)));
-            let is_along = |step: &Vec3| moves_along(*step, Vec3::from(*by));
-            cameras.iter().any(is_along) && enough(shifted.count())
+        let samples: Vec<_> = samples.filter_map(|slot| places(*slot)).collect();
+        let candidates = samples.iter().filter_map(|(before, now)| step(before, now));
+        candidates.into_iter().find(|&by| {
+            // In a crowd where everything moves on its own, no vector gets past the samples.
+            let agreeing = samples.iter().filter(|(before, now)| is_shifted(before, now, by));
+            let is_along = |step: &Vec3| moves_along(*step, Vec3::from(by));
+            let fits = |slot: &&u32| places(**slot).is_some_and(|(before, now)| is_shifted(before, now, by));
+            2 * agreeing.count() > samples.len()
+                && cameras.iter().any(is_along)
+                && enough(moved.iter().filter(fits).count())
         })
     }
 
     /// Shifts all objects that moved by this vector. Returns the slots of the others.
     pub(super) fn shift_all(&mut self, by: Vec3A, moved: &[u32], instances: &SceneInstances) -> Vec<u32> {
         let is_bvh = self.tracer == ReflectionTracer::Bvh;
-        self.merge.begin_shift();
+        if is_bvh {
+            self.merge.begin_shift();
+        }
         let others = moved.iter().copied().filter(|&slot| {
             let now = instances.get(slot).map(|source| source.world_from_object);
             let shifted = now.filter(|now| {
@@ -84,6 +91,8 @@ impl SceneBindings {
             });
             let matrices = shifted.as_ref().and_then(Matrices::of);
             let (Some(now), Some(matrices)) = (shifted, matrices) else {
+                // Their own movement is what is left.
+                self.instances.carry(slot, by);
                 return true;
             };
             let fits = self.instances.shift(slot, &matrices);
@@ -94,7 +103,9 @@ impl SceneBindings {
             !fits
         });
         let others = others.collect();
-        self.merge.finish_shift(by);
+        if is_bvh {
+            self.merge.finish_shift(by);
+        }
         others
     }
 }

@@ -245,7 +245,7 @@ fn all_fields_of_materials_vary_or_have_a_reason_not_to() {
     );
 }
 
-/// One object of a scene: what it varies, each with its own seed.
+/// One object of a scene: the fields that it varies, each with its own seed.
 #[derive(Clone, Debug, PartialEq)]
 struct Object {
     varied: Vec<(usize, u64)>,

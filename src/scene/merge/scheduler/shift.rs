@@ -36,7 +36,9 @@ impl MergeScheduler {
         if let Some(building) = &mut self.building {
             building.offset += by;
         }
-        self.shifted = Some(self.frame);
-        self.changed = true;
+        if self.building.is_some() || !self.chunks.is_empty() {
+            self.shifted = Some(self.frame);
+            self.changed = true;
+        }
     }
 }
