@@ -33,7 +33,7 @@ pub const PRESETS: [&str; 32] = [
     "denoise/temporal.temporal",
     "front_layer/find.find FRONT_LAYER",
     "front_layer/find.find FRONT_LAYER RAY_QUERY",
-    "rate/adaptive.classify COMBINED TILE_ANGLES TILE_SHAPE TILE_REFLECTANCE",
+    "rate/adaptive.classify TILE_ANGLES TILE_SHAPE TILE_REFLECTANCE",
     "rate/classify.classify",
     "rate/classify.classify COMBINED TILE_ANGLES TILE_SHAPE TILE_REFLECTANCE",
     "rate/classify.classify ROUGHNESS",
