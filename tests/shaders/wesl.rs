@@ -36,26 +36,24 @@ pub struct Shaders {
     validated: BTreeMap<String, Result<Arc<naga::Module>, String>>,
 }
 
-/// Names in a module that decide which definitions change it.
+/// Names in a module.
 #[derive(Default)]
 struct Mentions {
-    /// Words in its conditions.
-    definitions: BTreeSet<String>,
+    /// All words: definitions are among them.
+    words: BTreeSet<String>,
     /// Paths of modules or of their items, in use or not.
     paths: BTreeSet<Vec<String>>,
 }
 
 impl Mentions {
     fn of(package: &str, source: &str) -> Self {
-        let conditions = source.split("@if(").skip(1).chain(source.split("@elif(").skip(1));
-        let definitions = conditions.flat_map(|rest| words(rest.split(')').next().unwrap_or_default()));
         let paths = words(source).filter(|word| word.contains("::")).map(|path| {
             let segments = path.split("::").filter(|segment| !segment.is_empty());
             let named = segments.map(|segment| if segment == "package" { package } else { segment });
             named.map(str::to_owned).collect()
         });
         Self {
-            definitions: definitions.map(str::to_owned).collect(),
+            words: words(source).map(str::to_owned).collect(),
             paths: paths.collect(),
         }
     }
@@ -127,13 +125,17 @@ impl Shaders {
 
     /// The WGSL of a module with all that it imports.
     pub fn flatten(&mut self, name: &str, defs: &[ShaderDefVal]) -> Result<String, String> {
-        let id = *self.ids.get(name).ok_or_else(|| format!("no module {name}"))?;
-        // As the pipeline cache of a device with storage buffers adds them.
         // Linking costs more than anything else here, and the cache knows sources by their definitions.
-        let known = self.definitions(name);
+        let known = self.words(name);
         let is_known = |def: &&ShaderDefVal| !matches!(def, ShaderDefVal::Bool(name, _) if !known.contains(&**name));
         let mut defs: Vec<_> = defs.iter().filter(is_known).cloned().collect();
         defs.sort_by_cached_key(|def| format!("{def:?}"));
+        self.link(name, defs)
+    }
+
+    fn link(&mut self, name: &str, mut defs: Vec<ShaderDefVal>) -> Result<String, String> {
+        let id = *self.ids.get(name).ok_or_else(|| format!("no module {name}"))?;
+        // As the pipeline cache of a device with storage buffers adds them.
         defs.push(ShaderDefVal::UInt("AVAILABLE_STORAGE_BUFFER_BINDINGS".into(), 8));
         defs.push("AVAILABLE_STORAGE_BUFFER_BINDINGS__GE_3".into());
         defs.push("AVAILABLE_STORAGE_BUFFER_BINDINGS__GE_6".into());
@@ -143,13 +145,13 @@ impl Shaders {
             .map_err(|error| format!("{name}: {error}"))
     }
 
-    /// Definitions that affect a module or its imports.
-    fn definitions(&self, name: &str) -> BTreeSet<&str> {
+    /// Words of a module and of all modules that it names. No other definitions affect it.
+    fn words(&self, name: &str) -> BTreeSet<&str> {
         let mut found = BTreeSet::new();
         let mut seen = BTreeSet::from([name.to_owned()]);
         let mut open = vec![name.to_owned()];
         while let Some(mentions) = open.pop().and_then(|name| self.mentions.get(&name)) {
-            found.extend(mentions.definitions.iter().map(String::as_str));
+            found.extend(mentions.words.iter().map(String::as_str));
             let modules = mentions.paths.iter().flat_map(|path| {
                 let lengths = 2..=path.len();
                 lengths.map(|length| format!("{}.wesl", path[..length].join("/")))
@@ -233,4 +235,35 @@ pub fn flatten(entry: &str, replaced: &[(&str, &str)], defs: &[ShaderDefVal]) ->
     shaders
         .flatten("bevy_glint/test_entry.wesl", defs)
         .unwrap_or_else(|error| panic!("{error}"))
+}
+
+#[test]
+#[ignore = "long: links every variant twice"]
+fn definitions_that_no_module_names_change_nothing() {
+    let mut shaders = Shaders::load();
+    let mut different = 0;
+    for (pass, defs) in crate::cost::variants() {
+        let name = format!("bevy_glint/{pass}.wesl");
+        let other = [
+            "TINTED_GLASS",
+            "LAYERED_RAYS",
+            "FORWARD_SURFACES",
+            "COPLANAR",
+            "REST",
+            "TILES_8",
+        ];
+        for defs in [defs.clone(), [defs, other.to_vec()].concat()] {
+            let defs: Vec<ShaderDefVal> = defs.iter().map(|def| (*def).into()).collect();
+            let (filtered, all) = (shaders.flatten(&name, &defs), shaders.link(&name, defs));
+            // Declarations can be in another order.
+            let lines = |source: Result<String, String>| {
+                let mut lines: Vec<_> = source.unwrap_or_default().lines().map(str::to_owned).collect();
+                lines.sort();
+                lines
+            };
+            let (filtered, all) = (lines(filtered), lines(all));
+            different += usize::from(filtered != all);
+        }
+    }
+    assert_eq!(different, 0);
 }
