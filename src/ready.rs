@@ -44,7 +44,7 @@ impl Plugin for ReadyPlugin {
 }
 
 /// Settings that determine the pipelines of a view.
-pub(crate) type PipelineKey = (ReflectionTechnique, [bool; 8], RateVariant, u32);
+pub(crate) type PipelineKey = (ReflectionTechnique, [bool; 9], RateVariant, u32);
 
 /// The key of a view's pipelines; other settings can change without a new compilation.
 pub(crate) fn pipeline_key(settings: &ClampedSettings, rate: &RateSettings) -> PipelineKey {
@@ -53,6 +53,7 @@ pub(crate) fn pipeline_key(settings: &ClampedSettings, rate: &RateSettings) -> P
         settings.full_resolution_mirrors,
         denoiser.temporal,
         denoiser.blur_radius > 0.0,
+        denoiser.half_resolution,
         settings.backend == ReflectionBackend::HardwareVrs,
         settings.has_bounces(),
         settings.reuses_screen(),
@@ -187,5 +188,51 @@ fn request_pipelines(
             pipelines.request(known);
         }
         known.is_ready = pipelines.are_ready(known);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::settings::{RayTracedReflections, ShadingRateHeuristic};
+    use bevy::platform::collections::HashSet;
+
+    /// All combinations of the settings that change passes.
+    fn all_settings() -> impl Iterator<Item = RayTracedReflections> {
+        let switches = (0..1u32 << 6).map(|bits| move |bit: u32| bits & (1 << bit) != 0);
+        switches.flat_map(|is_set| {
+            ReflectionTechnique::ALL.map(|technique| {
+                let mut reflections = RayTracedReflections {
+                    technique,
+                    full_resolution_mirrors: is_set(0),
+                    max_bounces: if is_set(1) { 2 } else { 1 },
+                    ..Default::default()
+                };
+                let denoiser = &mut reflections.denoiser;
+                denoiser.temporal = is_set(2);
+                denoiser.half_resolution = is_set(3);
+                denoiser.blur_radius = if is_set(4) { 3.0 } else { 0.0 };
+                denoiser.converge_static_views = is_set(5);
+                reflections
+            })
+        })
+    }
+
+    #[test]
+    fn settings_with_other_pipelines_have_other_keys() {
+        let format = TextureFormat::Rgba16Float;
+        let mut pipelines_of = HashMap::<PipelineKey, HashSet<String>>::default();
+        for reflections in all_settings() {
+            let settings = ClampedSettings::from(&reflections);
+            let rate = RateSettings::new(&ShadingRateHeuristic::default(), settings.technique);
+            let variants = rate::variants(&rate)
+                .chain(denoise::variants(&settings, true))
+                .chain(composite::needed(&settings, format, WritesInPlace::NEVER));
+            let names: HashSet<_> = variants.map(|variant| format!("{variant:?}")).collect();
+            let others = pipelines_of
+                .entry(pipeline_key(&settings, &rate))
+                .or_insert_with(|| names.clone());
+            assert_eq!(*others, names, "{reflections:?}");
+        }
     }
 }

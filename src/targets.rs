@@ -1,7 +1,8 @@
 //! Every texture and buffer of a reflecting view on the GPU, with format and meaning.
 //!
-//! *Full* is one texel per pixel of the view, *trace* one per trace pixel (see [`ReflectionTechnique`]), *tile* one per tile of the rate
-//! image. Only resources that the view's settings use are created.
+//! *Full* is one texel per pixel of the view, *denoised* one per texel of the denoiser
+//! ([`half_resolution`](crate::ReflectionDenoiser::half_resolution)), *trace* one per trace pixel (see [`ReflectionTechnique`]), *tile* one
+//! per tile of the rate image. Only resources that the view's settings use are created.
 
 use crate::{
     common::{COUNTER_WORDS, INDIRECT_ARG_WORDS, word_offset},
@@ -50,11 +51,18 @@ pub struct Sizes {
     pub full: UVec2,
     /// Pixels per trace pixel in each direction: 1 or 2.
     pub trace_scale: u32,
+    /// Pixels per texel of the denoiser in each direction: 1 or 2.
+    pub texel: u32,
     /// Trace pixels per tile in each direction: 8 or 16.
     pub tile: u32,
 }
 
 impl Sizes {
+    /// Texels of the denoiser.
+    pub fn denoised(self) -> UVec2 {
+        (self.full + self.texel - 1) / self.texel
+    }
+
     /// Trace pixels of the view.
     pub fn trace(self) -> UVec2 {
         (self.full + self.trace_scale - 1) / self.trace_scale
@@ -145,12 +153,14 @@ pub struct PipelineTargets {
     pub ray_sample: TextureView,
     /// [`HIT_FORMAT`] (twice as large as trace): exists only if no other texture can store it, see [`Self::hits`].
     own_hits: Option<TextureView>,
-    /// [`RADIANCE_FORMAT`] (full): the reconstructed radiance; alpha is the relative variance of its mean. Mirror rays write their
+    /// [`RADIANCE_FORMAT`] (denoised): the reconstructed radiance; alpha is the relative variance of its mean. Mirror rays write their
     /// radiance here, too: see [`Self::mirror_radiance`]. Absent if one pass reconstructs and accumulates.
     pub reconstructed: Option<TextureView>,
-    /// [`STATS_FORMAT`] (full): `pack2x16float(hit distance, 16 w / (1 + w))`, with the mean weight w of the rays, which is 1 if it is as
+    /// [`STATS_FORMAT`] (denoised): `pack2x16float(hit distance, 16 w / (1 + w))`, with the mean weight w of the rays, which is 1 if it is as
     /// expected; 0 if nothing reflects.
     pub reconstructed_stats: Option<TextureView>,
+    /// [`RADIANCE_FORMAT`] and [`STATS_FORMAT`] (full): the results of mirror rays if the denoiser's textures have fewer texels than pixels.
+    pub mirrors: Option<(TextureView, TextureView)>,
     /// Textures that outlive the frame; absent without temporal accumulation.
     pub history: Option<HistoryTargets>,
 }
@@ -163,27 +173,29 @@ impl PipelineTargets {
         self.own_hits.as_ref().or_else(unused)
     }
 
-    /// Texture into which mirror rays write their radiance: the reconstruction, or this frame's history if there is no reconstruction.
+    /// Texture into which mirror rays write their radiance: their own, or the reconstruction, or this frame's history if there is neither.
     /// They bypass the denoiser, whose passes leave their pixels unchanged.
     pub fn mirror_radiance(&self, write_index: usize) -> Option<&TextureView> {
         let history = || self.history.as_ref().map(|history| &history.radiance[write_index]);
-        self.reconstructed.as_ref().or_else(history)
+        let own = self.mirrors.as_ref().map(|(radiance, _)| radiance);
+        own.or(self.reconstructed.as_ref()).or_else(history)
     }
 
     /// Texture into which mirror rays write their hit distance, and the number of their rays or their variance.
     pub fn mirror_stats(&self, write_index: usize) -> Option<&TextureView> {
         let history = || self.history.as_ref().map(|history| &history.stats[write_index]);
-        self.reconstructed_stats.as_ref().or_else(history)
+        let own = self.mirrors.as_ref().map(|(_, stats)| stats);
+        own.or(self.reconstructed_stats.as_ref()).or_else(history)
     }
 }
 
 /// Ping-pong pairs: this frame writes `[write_index]` and reads `[1 - write_index]`.
 pub struct HistoryTargets {
-    /// [`RADIANCE_FORMAT`] (full): accumulated radiance; alpha is the history length in frames, 0 = nothing.
+    /// [`RADIANCE_FORMAT`] (denoised): accumulated radiance; alpha is the history length in frames, 0 = nothing.
     pub radiance: [TextureView; 2],
-    /// [`STATS_FORMAT`] (full): `pack2x16float(hit distance, relative variance of one frame's samples)`.
+    /// [`STATS_FORMAT`] (denoised): `pack2x16float(hit distance, relative variance of one frame's samples)`.
     pub stats: [TextureView; 2],
-    /// [`HISTORY_SURFACE_FORMAT`] (full): `pack2x16float(distance from the viewer in metres, mean Y of the last frames)`, 0 if nothing
+    /// [`HISTORY_SURFACE_FORMAT`] (denoised): `pack2x16float(distance from the viewer in metres, mean Y of the last frames)`, 0 if nothing
     /// reflects; geometric normal as `pack2x16snorm` of its octahedral map with the lowest 8 bits of the word replaced by the roughness.
     pub surface: [TextureView; 2],
 }
@@ -271,7 +283,8 @@ impl Targets {
 
     /// Returns whether a view of another size can use them: it must fit and leave less than three quarters of them unused.
     pub fn can_hold(&self, sizes: Sizes) -> bool {
-        let is_same_kind = (sizes.trace_scale, sizes.tile) == (self.sizes.trace_scale, self.sizes.tile);
+        let kind = |sizes: Sizes| (sizes.trace_scale, sizes.texel, sizes.tile);
+        let is_same_kind = kind(sizes) == kind(self.sizes);
         let fits = sizes.full.cmple(self.capacity).all() && (2 * sizes.full).cmpge(self.capacity).all();
         sizes == self.sizes || (self.needs.in_parts && is_same_kind && fits)
     }
@@ -283,7 +296,7 @@ impl Targets {
             device,
             memory: Vec::new(),
         };
-        let (full, trace, tiles) = (room.full, room.trace(), room.tiles());
+        let (full, denoised, trace, tiles) = (room.full, room.denoised(), room.trace(), room.tiles());
         let words = |size: UVec2| 4 * u64::from(size.x) * u64::from(size.y);
         let indirect_args = create.buffer(
             word_offset(INDIRECT_ARG_WORDS),
@@ -308,23 +321,31 @@ impl Targets {
             tile_list: create.buffer(words(tiles), BufferUsages::empty(), "glint_tile_list"),
             ray_radiance: create.texture(trace, RAY_RADIANCE_FORMAT, "glint_ray_radiance"),
             ray_sample: create.texture(trace, RAY_SAMPLE_FORMAT, "glint_ray_sample"),
-            own_hits: (!needs.temporal || full != 2 * trace)
+            own_hits: (!needs.temporal || denoised != 2 * trace)
                 .then(|| create.texture(2 * trace, HIT_FORMAT, "glint_hits")),
             reconstructed: needs
                 .reconstructed
-                .then(|| create.texture(full, RADIANCE_FORMAT, "glint_reconstructed")),
+                .then(|| create.texture(denoised, RADIANCE_FORMAT, "glint_reconstructed")),
             reconstructed_stats: needs
                 .reconstructed
-                .then(|| create.texture(full, STATS_FORMAT, "glint_reconstructed_stats")),
+                .then(|| create.texture(denoised, STATS_FORMAT, "glint_reconstructed_stats")),
+            mirrors: (needs.mirrors && denoised != full).then(|| {
+                let radiance = create.texture(full, RADIANCE_FORMAT, "glint_mirror_radiance");
+                (radiance, create.texture(full, STATS_FORMAT, "glint_mirror_stats"))
+            }),
             history: needs.temporal.then(|| HistoryTargets {
                 radiance: create.pair(
-                    full,
+                    denoised,
                     RADIANCE_FORMAT,
                     ["glint_history_radiance_a", "glint_history_radiance_b"],
                 ),
-                stats: create.pair(full, STATS_FORMAT, ["glint_history_stats_a", "glint_history_stats_b"]),
+                stats: create.pair(
+                    denoised,
+                    STATS_FORMAT,
+                    ["glint_history_stats_a", "glint_history_stats_b"],
+                ),
                 surface: create.pair(
-                    full,
+                    denoised,
                     HISTORY_SURFACE_FORMAT,
                     ["glint_history_surface_a", "glint_history_surface_b"],
                 ),

@@ -3,6 +3,7 @@
 //! | file | contents |
 //! |---|---|
 //! | `resolve`, `resolved.wesl` | light that the reflection adds to each pixel |
+//! | `upsample.wesl` | the denoised radiance of each pixel |
 //! | `front_layer.wesl` | light that the reflection adds to transparent surfaces |
 //! | `add` | the addition if compute shaders can't write the frame |
 //! | `screen` | the copy of the lit frame for rays that reuse its light |
@@ -16,7 +17,8 @@ mod screen;
 pub(crate) use add::ADD;
 pub(crate) use passes::{composite_reflection, needed, variants};
 pub(crate) use resolve::{
-    RESOLVE, RESOLVE_APART, RESOLVE_TILES, Surfaces, composited_radiance, history, or_gbuffer, shown_bindings,
+    RESOLVE, RESOLVE_APART, RESOLVE_TILES, Surfaces, composited_radiance, history, or_gbuffer, resolution,
+    shown_bindings,
 };
 pub(crate) use screen::{SCREEN, keep_screen};
 
@@ -40,6 +42,7 @@ impl Plugin for CompositePlugin {
         }
         load_shader_library!(app, "front_layer.wesl");
         load_shader_library!(app, "resolved.wesl");
+        load_shader_library!(app, "upsample.wesl");
         embedded_asset!(app, "resolve.wesl");
         embedded_asset!(app, "add.wesl");
         embedded_asset!(app, "screen.wesl");

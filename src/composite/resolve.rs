@@ -91,12 +91,19 @@ fn layer_features(settings: &ClampedSettings, scene: Features) -> Features {
 
 /// The definitions of views with these settings. Without history, nothing is blurred.
 fn blurs(settings: &ClampedSettings) -> impl Iterator<Item = Options> + Clone + use<> {
-    [
-        Some(Options::empty()),
-        denoise::blurs(settings).then_some(Options::BLUR),
-    ]
-    .into_iter()
-    .flatten()
+    let size = resolution(settings);
+    [Some(size), denoise::blurs(settings).then_some(size | Options::BLUR)]
+        .into_iter()
+        .flatten()
+}
+
+/// The definition for the resolution of the denoiser.
+pub(crate) fn resolution(settings: &ClampedSettings) -> Options {
+    if settings.denoiser.half_resolution {
+        Options::HALF_RESOLUTION
+    } else {
+        Options::empty()
+    }
 }
 
 /// Variants for opaque surfaces.
@@ -131,9 +138,10 @@ pub(super) fn run(
     surfaces: Surfaces,
 ) -> bool {
     let settings = &context.view.settings;
-    let mut blur = Options::empty();
+    let size = resolution(settings);
+    let mut blur = size;
     blur.set(Options::BLUR, context.history().is_some() && denoise::blurs(settings));
-    let variants = [blur, Options::empty()].map(|blur| match surfaces {
+    let variants = [blur, size].map(|blur| match surfaces {
         Surfaces::Opaque => pass.variant(Features::empty(), blur),
         Surfaces::FrontLayer => pass.variant(layer_features(settings, context.features), blur | Options::FRONT_LAYER),
     });
@@ -143,13 +151,18 @@ pub(super) fn run(
     if pass == RESOLVE_TILES {
         compute.dispatch_workgroups_indirect(&context.targets().indirect_args, word_offset(TILE_DISPATCH));
     } else {
-        let size = context.area().size();
-        compute.dispatch_workgroups(size.x.div_ceil(8), size.y.div_ceil(8), 1);
+        // As in the shader.
+        let groups = context
+            .area()
+            .size()
+            .map(|pixels| pixels.div_ceil(8 * settings.texel()));
+        compute.dispatch_workgroups(groups.x, groups.y, 1);
     }
     true
 }
 
-/// Bindings 5 to 9 of the passes that display reflections: the bindings of `denoise/blur.wesl`, with `second` as binding 6.
+/// Bindings 5 to 10 of the passes that display reflections: the bindings of `denoise/blur.wesl` and `upsample.wesl`, with `second` as
+/// binding 6.
 pub(crate) fn shown_bindings(second: FindTexture) -> Vec<Binding> {
     vec![
         Binding::floats(composited_radiance),
@@ -158,6 +171,12 @@ pub(crate) fn shown_bindings(second: FindTexture) -> Vec<Binding> {
         Binding::integers(|context| or_gbuffer(context, history(context).map(|history| &history.stats[context.now()]))),
         Binding::integers(|context| {
             or_gbuffer(context, history(context).map(|history| &history.surface[context.now()]))
+        }),
+        Binding::floats(|context| {
+            let mirrors = context.images().and_then(|images| images.mirrors.as_ref());
+            mirrors
+                .map(|(radiance, _)| radiance)
+                .or_else(|| composited_radiance(context))
         }),
     ]
 }

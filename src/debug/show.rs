@@ -2,7 +2,7 @@
 
 use super::sides::Side;
 use crate::{
-    composite::{Surfaces, composited_radiance, history, or_gbuffer, shown_bindings},
+    composite::{Surfaces, composited_radiance, history, or_gbuffer, resolution, shown_bindings},
     denoise,
     device::FRAME_FORMAT,
     gbuffer::{Binding, PassContext},
@@ -108,9 +108,12 @@ fn intermediate_bindings() -> Vec<Binding> {
 }
 
 /// The pass that draws a debug view. `blurs` is true if it blurs its input, as the composite does.
-fn variant(view: ReflectionDebugView, blurs: bool) -> Variant {
+fn variant(view: ReflectionDebugView, settings: &ClampedSettings, blurs: bool) -> Variant {
     let mut options = Options::empty();
-    options.set(Options::BLUR, blurs && view == ReflectionDebugView::Reflection);
+    if view == ReflectionDebugView::Reflection {
+        options = resolution(settings);
+        options.set(Options::BLUR, blurs);
+    }
     let pass = match view {
         ReflectionDebugView::Reflection => SHOW_REFLECTION,
         _ => SHOW_INTERMEDIATE,
@@ -120,7 +123,7 @@ fn variant(view: ReflectionDebugView, blurs: bool) -> Variant {
 
 /// The variants for a debug view. Without history there is nothing to blur.
 pub(super) fn variants(view: ReflectionDebugView, settings: &ClampedSettings) -> [Variant; 2] {
-    [false, denoise::blurs(settings)].map(|blurs| variant(view, blurs))
+    [false, denoise::blurs(settings)].map(|blurs| variant(view, settings, blurs))
 }
 
 /// A texture to bind instead of a missing one; the shader doesn't read it.
@@ -138,7 +141,7 @@ pub(super) fn show_side(
     side: &Side,
 ) {
     let blurs = context.history().is_some() && denoise::blurs(&context.view.settings);
-    let variant = variant(side.view, blurs);
+    let variant = variant(side.view, &context.view.settings, blurs);
     if !pipelines.is_compiled(context.cache, &variant) {
         return;
     }

@@ -27,10 +27,13 @@ fn passes_of(settings: &ClampedSettings) -> &'static [&'static Pass] {
     }
 }
 
-/// The variant for static or moving views. Wide workgroups are for views with fewer rays than pixels.
+/// The variant for static or moving views. Wide workgroups are for views with fewer rays than texels.
 fn variant(pass: &'static Pass, settings: &ClampedSettings, rest: bool) -> Variant {
     let mut options = Options::empty();
-    options.set(Options::WIDE, pass != TEMPORAL && settings.technique.trace_scale() > 1);
+    options.set(
+        Options::WIDE,
+        pass != TEMPORAL && settings.technique.trace_scale() > settings.texel(),
+    );
     options.set(Options::REST, rest);
     pass.variant(Features::empty(), options)
 }

@@ -16,6 +16,10 @@ pub(crate) const FRAME_FORMAT: TextureFormat = TextureFormat::Rgba16Float;
 pub(crate) struct WritesInPlace(bool);
 
 impl WritesInPlace {
+    /// For devices that write no frames in place.
+    #[cfg(test)]
+    pub const NEVER: Self = Self(false);
+
     /// Returns whether frames of this format are written in place.
     pub fn allows(self, format: TextureFormat) -> bool {
         self.0 && format == FRAME_FORMAT

@@ -231,6 +231,7 @@ mod tests {
         let sizes = Sizes {
             full: UVec2::new(200, 100),
             trace_scale: 2,
+            texel: 1,
             tile: 8,
         };
         let rects = [URect::new(24, 40, 32, 48), URect::new(48, 8, 200, 16)];

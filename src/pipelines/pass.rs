@@ -101,7 +101,7 @@ bitflags! {
     /// Definitions of variants that don't depend on the scene.
     #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
     pub(crate) struct Options: u32 {
-        /// Processes 16x16 pixels at a time instead of 8x8.
+        /// Processes 16x16 texels at a time instead of 8x8.
         const WIDE = 1;
         /// For static views. Views in motion use a faster variant without it.
         const REST = 1 << 1;
@@ -131,6 +131,8 @@ bitflags! {
         const TILE_SHAPE = 1 << 16;
         const TILE_REFLECTANCE = 1 << 17;
         const TILE_DEPTH = 1 << 18;
+        /// The denoiser stores one pixel of each quad of 2x2 pixels.
+        const HALF_RESOLUTION = 1 << 20;
         /// The address of an acceleration structure replaces a binding.
         const ONE_TLAS = 1 << 19;
     }

@@ -67,6 +67,11 @@ impl ClampedSettings {
             && !self.separate_denoiser
     }
 
+    /// Pixels per texel of the denoiser in each direction: 1 or 2.
+    pub fn texel(&self) -> u32 {
+        if self.denoiser.half_resolution { 2 } else { 1 }
+    }
+
     /// Returns whether rays also march the last frame's screen.
     pub fn marches_screen(&self) -> bool {
         self.screen_traces == ScreenTraces::March && self.reuses_screen()
@@ -92,7 +97,10 @@ impl From<&RayTracedReflections> for ClampedSettings {
             backend: settings.backend,
             sampling: settings.sampling,
             full_resolution_mirrors: settings.full_resolution_mirrors && settings.technique.trace_scale() > 1,
-            denoiser: clamped_denoiser(&settings.denoiser),
+            denoiser: ReflectionDenoiser {
+                half_resolution: settings.denoiser.half_resolution && settings.technique.trace_scale() > 1,
+                ..clamped_denoiser(&settings.denoiser)
+            },
             fade_start: if cutoff < 1.0 { (cutoff - fade).max(0.0) } else { 1.0 },
             cutoff: between_steps(cutoff),
             max_ray_length: number_or(settings.max_ray_length, default.max_ray_length).clamp(0.0, 1.0e9),

@@ -31,6 +31,13 @@ pub struct ReflectionDenoiser {
     /// longer clipped and hardly dimmed, and grows to eight times `max_history`, up to 240 frames. If off, a static image loses as much
     /// light as a moving one. Default: true. The paper has no such step.
     pub converge_static_views: bool,
+    /// Reconstructs, accumulates and stores one pixel of each quad of 2x2 pixels, and interpolates the others between those that show the
+    /// same surface: less than half the time behind the rays, and about half the memory. Fresnel, colours, occlusion and fog stay per
+    /// pixel. Reflections in smooth surfaces are less sharp, also in static views; surfaces thinner than two pixels can show the
+    /// reflection of their surroundings. Only for techniques that trace at most a quarter of the pixels: it has no effect on
+    /// [`Reference`](crate::ReflectionTechnique::Reference) and [`Converged`](crate::ReflectionTechnique::Converged). Default: false. The
+    /// paper denoises every pixel.
+    pub half_resolution: bool,
     /// Radius in pixels of the last blur at the highest variance, 0 (off) to 8. Default: 3.
     #[reflect(@0.0..=8.0f32)]
     pub blur_radius: f32,
@@ -46,6 +53,7 @@ impl ReflectionDenoiser {
         clip_sigma: 1.5,
         suppress_fireflies: false,
         converge_static_views: false,
+        half_resolution: false,
         blur_radius: 0.0,
     };
     /// The steps of the paper (section 4.1.2). The numbers of frames, samples, sigma and pixels are from this crate; the paper has none.
@@ -57,6 +65,7 @@ impl ReflectionDenoiser {
         clip_sigma: 1.5,
         suppress_fireflies: false,
         converge_static_views: false,
+        half_resolution: false,
         blur_radius: 3.0,
     };
 }
@@ -71,6 +80,7 @@ impl Default for ReflectionDenoiser {
             clip_sigma: 1.5,
             suppress_fireflies: true,
             converge_static_views: true,
+            half_resolution: false,
             blur_radius: 3.0,
         }
     }

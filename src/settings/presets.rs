@@ -18,7 +18,8 @@ pub enum ReflectionPreset {
     /// level 2 at hits, a history that follows surfaces, no cut-off, and none of the optional additions. [How it
     /// works](crate::manual::how_it_works) lists the differences. 1/16 to 1/4 ray per pixel.
     Paper,
-    /// Four times the noise of the default, half the samples, and no separate rays for mirrors. 1/32 to 1/4 ray per pixel.
+    /// Four times the noise of the default, half the samples, a denoiser at half the resolution
+    /// ([`half_resolution`](ReflectionDenoiser::half_resolution)), and no separate rays for mirrors. 1/32 to 1/4 ray per pixel.
     Low,
     /// The default of [`RayTracedReflections`] and of [`ShadingRateHeuristic`]. 1/32 to 1/4 ray per pixel.
     #[default]
@@ -52,6 +53,7 @@ impl ReflectionPreset {
                     full_resolution_mirrors: false,
                     denoiser: ReflectionDenoiser {
                         samples: 4,
+                        half_resolution: true,
                         ..ReflectionDenoiser::default()
                     },
                     ..default
@@ -89,14 +91,20 @@ words!(ReflectionPreset {
 });
 
 /// Names for [`named_settings`].
-pub const TECHNIQUE_NAMES: &str = "reference, quarter, quarter-inline, vrs-roughness, vrs-grazing, vrs-combined, vrs-adaptive, converged, paper, \
-     low, medium, high, ultra";
+pub const TECHNIQUE_NAMES: &str = "reference, quarter, quarter-inline, vrs-roughness, vrs-grazing, vrs-combined, vrs-adaptive, vrs-adaptive-half, converged, \
+     paper, low, medium, high, ultra";
 
 /// Returns the components for a name on a command line: a technique for measurements, or a preset.
 ///
 /// `reference`, `quarter` and `quarter-inline` trace a fixed rate. `vrs-roughness` and `vrs-grazing` are the paper's heuristics with its
-/// thresholds, `vrs-combined` and `vrs-adaptive` are ours. All of these share one denoiser, so that they only differ in their rays.
+/// thresholds, `vrs-combined` and `vrs-adaptive` are ours. All of these share one denoiser, so that they only differ in their rays. Every
+/// name can end in `-half`: the same with [`half_resolution`](ReflectionDenoiser::half_resolution), such as `vrs-adaptive-half`.
 pub fn named_settings(name: &str) -> Result<(RayTracedReflections, ShadingRateHeuristic), UnknownName> {
+    if let Some(name) = name.strip_suffix("-half") {
+        let (mut reflections, heuristic) = named_settings(name)?;
+        reflections.denoiser.half_resolution = true;
+        return Ok((reflections, heuristic));
+    }
     let with = |technique, full_resolution_mirrors| RayTracedReflections {
         technique,
         full_resolution_mirrors,

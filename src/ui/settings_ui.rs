@@ -356,6 +356,12 @@ fn denoiser(ui: &mut Ui, denoiser: &mut ReflectionDenoiser, reason: Option<&str>
         &mut denoiser.converge_static_views,
         default.converge_static_views,
     );
+    flag(
+        ui,
+        row("Half resolution", tooltip!(ReflectionDenoiser.half_resolution)),
+        &mut denoiser.half_resolution,
+        default.half_resolution,
+    );
     let blur = row("Blur", tooltip!(ReflectionDenoiser.blur_radius));
     field(ui, blur, &mut denoiser.blur_radius, default.blur_radius, |ui, value| {
         slider(ui, value, 0.0..=8.0, |slider| slider.suffix(" px"))

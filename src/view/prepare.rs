@@ -66,6 +66,7 @@ impl PreparedViewItem<'_, '_> {
         Some(Sizes {
             full: resolution.unwrap_or(viewport).max(UVec2::ONE),
             trace_scale: self.view.settings.technique.trace_scale(),
+            texel: self.view.settings.texel(),
             tile: self.view.rate.tile_size,
         })
     }

@@ -57,6 +57,8 @@ pub struct GpuReflectionView {
     pub first_tile: UVec2,
     /// Pixels per trace pixel in each direction: 1 or 2.
     pub trace_scale: u32,
+    /// Logarithm to base 2 of the pixels per texel of the denoiser in each direction: 1 at half the resolution, otherwise 0.
+    pub texel_log2: u32,
     /// Trace pixels per tile in each direction: 8 or 16.
     pub tile_size: u32,
     /// Exposure of this frame divided by the last frame's.
@@ -270,6 +272,7 @@ impl GpuReflectionView {
             tile_count: sizes.tiles(),
             first_tile: frame.first_tile,
             trace_scale: sizes.trace_scale,
+            texel_log2: sizes.texel.ilog2(),
             tile_size: sizes.tile,
             exposure_ratio: if ratio.is_finite() { ratio } else { 1.0 },
             previous_clip_from_world: state.previous.clip_from_world,

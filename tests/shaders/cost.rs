@@ -56,7 +56,7 @@ const SCENE_PASSES: [(&str, &[&str]); 14] = [
 ];
 
 /// All others, and passes for scenes with rare features.
-const PASSES: [(&str, &[&str]); 87] = [
+const PASSES: [(&str, &[&str]); 95] = [
     (
         "front_layer/find",
         &["FRONT_LAYER", "FORWARD_SURFACES", "ALPHA_MASKED_GEOMETRY"],
@@ -159,6 +159,9 @@ const PASSES: [(&str, &[&str]); 87] = [
     ("denoise/temporal", &[]),
     ("denoise/temporal", &["REST"]),
     ("denoise/temporal", &["HIT_MOTION"]),
+    ("denoise/one_pass", &[]),
+    ("denoise/one_pass", &["REST"]),
+    ("denoise/one_pass", &["HIT_MOTION"]),
     ("denoise/one_pass", &["WIDE"]),
     ("denoise/one_pass", &["WIDE", "REST"]),
     ("denoise/one_pass", &["WIDE", "HIT_MOTION"]),
@@ -168,6 +171,13 @@ const PASSES: [(&str, &[&str]); 87] = [
     ("composite/resolve", &["IN_PLACE", "TILES", "BLUR"]),
     ("composite/resolve", &["IN_PLACE", "TILES", "FRONT_LAYER"]),
     ("composite/resolve", &["IN_PLACE", "TILES", "FRONT_LAYER", "BLUR"]),
+    ("composite/resolve", &["HALF_RESOLUTION", "BLUR"]),
+    ("composite/resolve", &["IN_PLACE", "TILES", "HALF_RESOLUTION"]),
+    ("composite/resolve", &["IN_PLACE", "TILES", "HALF_RESOLUTION", "BLUR"]),
+    (
+        "composite/resolve",
+        &["IN_PLACE", "TILES", "FRONT_LAYER", "HALF_RESOLUTION", "BLUR"],
+    ),
     (
         "composite/resolve",
         &["IN_PLACE", "TILES", "FRONT_LAYER", "LIGHT_PROBES", "BINDLESS_TEXTURES"],
@@ -186,6 +196,7 @@ const PASSES: [(&str, &[&str]); 87] = [
     ("debug/show", &[]),
     ("debug/show", &["REFLECTION"]),
     ("debug/show", &["REFLECTION", "BLUR"]),
+    ("debug/show", &["REFLECTION", "BLUR", "HALF_RESOLUTION"]),
 ];
 
 /// Names of the columns.

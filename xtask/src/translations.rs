@@ -21,11 +21,13 @@ use crate::driver::{self, Need};
 use crate::{cargo, progress};
 
 /// Passes of the presets in plain scenes with either tracer, and the passes of the hardware back end.
-pub const PRESETS: [&str; 32] = [
+pub const PRESETS: [&str; 34] = [
     "composite/resolve.resolve",
     "composite/resolve.resolve IN_PLACE TILES",
     "composite/resolve.resolve IN_PLACE TILES BLUR",
     "composite/resolve.resolve IN_PLACE TILES FRONT_LAYER BLUR",
+    "composite/resolve.resolve IN_PLACE TILES HALF_RESOLUTION BLUR",
+    "denoise/one_pass.denoise",
     "denoise/one_pass.denoise WIDE",
     "denoise/one_pass.denoise WIDE HIT_MOTION",
     "denoise/one_pass.denoise WIDE REST",

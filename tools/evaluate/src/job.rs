@@ -12,7 +12,7 @@ use strum::IntoStaticStr;
 const LOAD_FRAMES: u64 = 40;
 
 /// The techniques in the order of tables. `solari` is measured apart from the others.
-pub const TECHNIQUES: [&str; 15] = [
+pub const TECHNIQUES: [&str; 16] = [
     "off",
     "ssr",
     "reference",
@@ -22,6 +22,7 @@ pub const TECHNIQUES: [&str; 15] = [
     "vrs-grazing",
     "vrs-combined",
     "vrs-adaptive",
+    "vrs-adaptive-half",
     "paper",
     "low",
     "medium",
@@ -31,7 +32,7 @@ pub const TECHNIQUES: [&str; 15] = [
 ];
 
 /// Techniques that a quick run leaves out.
-const THOROUGH_TECHNIQUES: [&str; 4] = ["quarter-inline", "low", "high", "ultra"];
+const THOROUGH_TECHNIQUES: [&str; 5] = ["quarter-inline", "vrs-adaptive-half", "low", "high", "ultra"];
 
 /// The techniques of a thorough run, or of a quick one.
 pub fn techniques(quick: bool) -> Vec<&'static str> {

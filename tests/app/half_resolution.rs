@@ -1,0 +1,115 @@
+//! A denoiser at half the resolution shows what one at full resolution shows.
+
+use crate::{
+    common::app,
+    pictures::{COARSE, assert_flip, flip, use_coarse_shadow_maps, warm_up},
+};
+use bevy::{math::UVec2, prelude::*};
+use bevy_glint::{
+    RayTracedReflections, ReflectionDebugView, ReflectionTechnique, ReflectionTracerChoice, ShadingRateHeuristic,
+};
+use glint_scenes::{HeadlessApp, Output, SceneName};
+
+/// Not a multiple of two: the last texels have a part of their pixels.
+const SIZE: UVec2 = UVec2::new(207, 117);
+/// Frames until a static view has hardly any noise.
+const STILL_FRAMES: u32 = 64;
+/// Largest mean FLIP beside full resolution: in a static view, of its reflections alone, and of exact mirrors, which keep their rays.
+const LIMIT: f32 = 0.02;
+const LIMIT_ALONE: f32 = 0.06;
+const MIRROR_LIMIT: f32 = 0.002;
+/// Smallest mean of a frame's channels, relative to full resolution.
+const LEAST_LIGHT: f32 = 0.95;
+
+fn open(scene: SceneName) -> Option<(HeadlessApp, Entity)> {
+    let mut app = app(SIZE, Output::Picture, ReflectionTracerChoice::Bvh)?;
+    use_coarse_shadow_maps(&mut app);
+    let camera = app.spawn_scene(scene, &COARSE);
+    Some((app, camera))
+}
+
+fn settings(technique: ReflectionTechnique, half_resolution: bool) -> RayTracedReflections {
+    let mut settings = RayTracedReflections { technique, ..default() };
+    settings.denoiser.half_resolution = half_resolution;
+    settings
+}
+
+/// The frame of a static view with these settings.
+fn settled(app: &mut HeadlessApp, camera: Entity, settings: RayTracedReflections) -> Vec<u8> {
+    app.world().entity_mut(camera).insert(settings);
+    warm_up(app);
+    app.step(STILL_FRAMES);
+    app.capture().unwrap()
+}
+
+fn mean(frame: &[u8]) -> f32 {
+    let sum: u64 = frame.iter().map(|byte| u64::from(*byte)).sum();
+    sum as f32 / frame.len() as f32
+}
+
+/// Reflections on metal and stone, and on glass.
+#[test]
+fn half_resolution_shows_what_full_resolution_shows() {
+    for (scene, technique) in [
+        (SceneName::AtriumSmall, ReflectionTechnique::Variable),
+        (SceneName::Glass, ReflectionTechnique::Quarter),
+    ] {
+        let Some((mut app, camera)) = open(scene) else { return };
+        let app = &mut app;
+        let full = settled(app, camera, settings(technique, false));
+        let half = settled(app, camera, settings(technique, true));
+        assert_flip(&format!("half-{scene:?}-{technique}"), SIZE, &full, &half, LIMIT);
+        assert_ne!(full, half, "{technique}: nothing changed");
+        let (before, after) = (mean(&full), mean(&half));
+        assert!((after / before - 1.0).abs() < 1.0 - LEAST_LIGHT, "{before} -> {after}");
+    }
+}
+
+/// Exact mirrors with rays of their own are as sharp as before, and rays of blocks as sharp as the texels.
+#[test]
+fn exact_mirrors_keep_their_rays() {
+    let Some((mut app, camera)) = open(SceneName::MirrorRoom) else {
+        return;
+    };
+    let app = &mut app;
+    let mut shown = |half, own_rays| {
+        let settings = RayTracedReflections {
+            full_resolution_mirrors: own_rays,
+            ..settings(ReflectionTechnique::Quarter, half)
+        };
+        settled(app, camera, settings)
+    };
+    let (full, half, shared) = (shown(false, true), shown(true, true), shown(true, false));
+    assert_flip("half-mirrors", SIZE, &full, &half, MIRROR_LIMIT);
+    let blurred = flip(SIZE, &full, &shared).0;
+    assert!(blurred > 2.0 * MIRROR_LIMIT, "texels are as sharp as pixels: {blurred}");
+}
+
+/// A camera that switches keeps its reflections while the other passes are compiled, and debug views show texels in their place.
+#[test]
+fn switching_loses_no_reflection() {
+    let Some((mut app, camera)) = open(SceneName::AtriumSmall) else {
+        return;
+    };
+    let app = &mut app;
+    let steady = mean(&settled(app, camera, settings(ReflectionTechnique::Variable, false)));
+    app.world()
+        .entity_mut(camera)
+        .insert(ShadingRateHeuristic::PAPER_ROUGHNESS);
+    for half in [true, false, true] {
+        app.world()
+            .entity_mut(camera)
+            .insert(settings(ReflectionTechnique::Variable, half));
+        for frame in 0..12 {
+            app.step(1);
+            let light = mean(&app.capture().unwrap()) / steady;
+            assert!(light > LEAST_LIGHT, "half {half}, frame {frame}: {light} of the light");
+        }
+    }
+    let view = |app: &mut HeadlessApp, half| {
+        app.world().entity_mut(camera).insert(ReflectionDebugView::Reflection);
+        settled(app, camera, settings(ReflectionTechnique::Quarter, half))
+    };
+    let (full, half) = (view(app, false), view(app, true));
+    assert_flip("half-debug-view", SIZE, &full, &half, LIMIT_ALONE);
+}
