@@ -32,7 +32,7 @@ pub struct ReflectionDenoiser {
     /// light as a moving one. Default: true. The paper has no such step.
     pub converge_static_views: bool,
     /// Reconstructs, accumulates and stores one pixel of each quad of 2x2 pixels, and interpolates the others between those that show the
-    /// same surface: less than half the time behind the rays, and about half the memory. Fresnel, colours, occlusion and fog stay per
+    /// same surface: about 70 % of the time behind the rays, and half of the memory. Fresnel, colours, occlusion and fog stay per
     /// pixel. Reflections in smooth surfaces are less sharp, also in static views; surfaces thinner than two pixels can show the
     /// reflection of their surroundings. Only for techniques that trace at most a quarter of the pixels: it has no effect on
     /// [`Reference`](crate::ReflectionTechnique::Reference) and [`Converged`](crate::ReflectionTechnique::Converged). Default: false. The

@@ -9,7 +9,7 @@ use bevy::{
     asset::RenderAssetUsages,
     core_pipeline::tonemapping::Tonemapping,
     image::Image,
-    light::RectLight,
+    light::{FogVolume, RectLight, VolumetricFog},
     pbr::Lightmap,
     prelude::*,
     render::render_resource::{
@@ -18,7 +18,10 @@ use bevy::{
 };
 use bevy_glint::{RayTracedReflections, RayTracedReflectionsPlugin, ReflectionTechnique, ReflectionTracerChoice};
 use glint_scenes::{HeadlessApp, HeadlessSettings, Output, SceneName, Sky};
-use std::{collections::HashSet, time::Duration};
+use std::{
+    collections::HashSet,
+    time::{Duration, Instant},
+};
 
 /// Labels and definitions of the library's compute pipelines.
 fn pipelines(app: &HeadlessApp) -> Vec<(String, Vec<String>)> {
@@ -95,6 +98,55 @@ fn nothing_is_compiled_twice_or_for_techniques_that_are_out_of_use() {
         let now = count(&app, "glint_shade_hits") + count(&app, "glint_shade_hits_and_mirrors");
         assert!(now > rays, "{tracer:?}: the technique in use gets the feature");
         clear(&mut app);
+    }
+}
+
+/// Most pipelines of the library: at the start of a view, and those that the first glass and the first fog add.
+const MOST_PIPELINES: [usize; 3] = [17, 6, 3];
+
+/// Prints numbers of pipelines, and the time until they are compiled.
+#[test]
+#[ignore = "long: the CPU driver takes half a minute for rays through fog"]
+fn features_compile_no_more_than_the_passes_that_see_them() {
+    for tracer in [ReflectionTracerChoice::RayQuery, ReflectionTracerChoice::Bvh] {
+        let Some(mut app) = app(SIZE, Output::Picture, tracer) else {
+            return;
+        };
+        let app = &mut app;
+        spawn_mesh(app, wall(), metal(0.0), Transform::IDENTITY);
+        let camera = spawn_camera(app, BEFORE_THE_MIRROR, SceneName::Demo);
+        let mut before = 0;
+        for (step, most) in ["start", "glass", "fog"].into_iter().zip(MOST_PIPELINES) {
+            match step {
+                "start" => {
+                    app.world().entity_mut(camera).insert(RayTracedReflections::default());
+                }
+                "glass" => {
+                    let glass = StandardMaterial {
+                        specular_transmission: 0.5,
+                        ..default()
+                    };
+                    spawn_mesh(app, Sphere::new(0.5), glass, Transform::from_xyz(-1.0, 0.0, 6.0));
+                }
+                _ => {
+                    app.world()
+                        .spawn((FogVolume::default(), Transform::from_scale(Vec3::splat(20.0))));
+                    app.world().entity_mut(camera).insert(VolumetricFog::default());
+                }
+            }
+            let start = Instant::now();
+            app.step(2);
+            while_compiling(app, |_| ());
+            let now = pipelines(app).len();
+            let (new, time) = (now - before, start.elapsed().as_millis());
+            println!("{tracer:?}, {step}: {new} pipelines in {time} ms");
+            assert!(
+                new > 0 && new <= most,
+                "{tracer:?}, {step}: {new} pipelines, at most {most}"
+            );
+            before = now;
+        }
+        clear(app);
     }
 }
 

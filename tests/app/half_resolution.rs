@@ -15,7 +15,7 @@ const SIZE: UVec2 = UVec2::new(207, 117);
 /// Frames until a static view has hardly any noise.
 const STILL_FRAMES: u32 = 64;
 /// Largest mean FLIP beside full resolution: in a static view, of its reflections alone, and of exact mirrors, which keep their rays.
-const LIMIT: f32 = 0.02;
+const LIMIT: f32 = 0.024;
 const LIMIT_ALONE: f32 = 0.06;
 const MIRROR_LIMIT: f32 = 0.002;
 /// Smallest mean of a frame's channels, relative to full resolution.
