@@ -131,10 +131,10 @@ bitflags! {
         const TILE_SHAPE = 1 << 16;
         const TILE_REFLECTANCE = 1 << 17;
         const TILE_DEPTH = 1 << 18;
-        /// The denoiser stores one pixel of each quad of 2x2 pixels.
-        const HALF_RESOLUTION = 1 << 20;
         /// The address of an acceleration structure replaces a binding.
         const ONE_TLAS = 1 << 19;
+        /// The denoiser stores one pixel of each quad of 2x2 pixels.
+        const HALF_RESOLUTION = 1 << 20;
     }
 }
 

@@ -70,8 +70,13 @@ fn dynamic_resolution_keeps_history_and_textures() {
         app.step(150);
         app.capture().unwrap()
     });
-    for technique in [ReflectionTechnique::Variable, ReflectionTechnique::Reference] {
+    for (technique, half_resolution) in [
+        (ReflectionTechnique::Variable, false),
+        (ReflectionTechnique::Variable, true),
+        (ReflectionTechnique::Reference, false),
+    ] {
         let mut settings = RayTracedReflections { technique, ..default() };
+        settings.denoiser.half_resolution = half_resolution;
         // Static with the noise of motion.
         settings.denoiser.converge_static_views = false;
         app.world().entity_mut(camera).insert(settings);

@@ -37,7 +37,8 @@ pub struct Arguments {
     #[arg(long, value_name = "T", default_value_t = 0.0)]
     pub path: f32,
     /// off, screen-space, reference, quarter, quarter-inline, vrs-roughness, vrs-grazing, vrs-combined, vrs-adaptive, converged,
-    /// paper, low, medium, high or ultra (default: medium in a window, ultra for an image)
+    /// paper, low, medium, high or ultra (default: medium in a window, ultra for an image). A name that ends in `-half`, such as
+    /// medium-half, denoises at half the resolution
     #[arg(long, value_name = "NAME")]
     technique: Option<Method>,
     /// auto, compute or hardware

@@ -16,7 +16,7 @@ pub enum Method {
     /// Ray-traced reflections with settings that have a name.
     Traced {
         /// Name of a technique or preset.
-        name: &'static str,
+        name: String,
         /// Components of the camera.
         settings: Box<(RayTracedReflections, ShadingRateHeuristic)>,
     },
@@ -35,7 +35,7 @@ impl Method {
             ..default()
         };
         Self::Traced {
-            name: "ground truth",
+            name: "ground truth".to_owned(),
             settings: Box::new((reflections, default())),
         }
     }
@@ -80,15 +80,12 @@ impl FromStr for Method {
         match word {
             Self::OFF => Ok(Self::Off),
             Self::SCREEN_SPACE => Ok(Self::ScreenSpace),
-            _ => TECHNIQUE_NAMES
-                .split(", ")
-                .find(|name| *name == word)
-                .and_then(|name| Some((name, named_settings(name).ok()?)))
-                .map(|(name, settings)| Self::Traced {
-                    name,
+            _ => named_settings(word)
+                .map(|settings| Self::Traced {
+                    name: word.to_owned(),
                     settings: Box::new(settings),
                 })
-                .ok_or_else(|| {
+                .map_err(|_| {
                     format!(
                         "choose one of: {}, {}, {TECHNIQUE_NAMES}",
                         Self::OFF,
