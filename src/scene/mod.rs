@@ -95,6 +95,8 @@ impl Plugin for ScenePlugin {
             return;
         }
         load_shader_library!(app, "alpha.wesl");
+        load_shader_library!(app, "alpha_mask.wesl");
+        load_shader_library!(app, "alpha_query.wesl");
         load_shader_library!(app, "atmosphere.wesl");
         load_shader_library!(app, "bindings.wesl");
         load_shader_library!(app, "bvh.wesl");

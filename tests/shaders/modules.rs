@@ -213,7 +213,7 @@ pub const COMBINATIONS: [&[&str]; 80] = [
 const USER: &str = r#"
 import package::scene::types::{Ray, Hit, NO_HIT};
 import package::scene::trace::trace_closest;
-@if(RAY_QUERY) import package::scene::alpha::alpha_test;
+@if(RAY_QUERY) import package::scene::alpha_query::alpha_test;
 import package::scene::surface::load_surface;
 import package::scene::shading::{shade, visible_lights, MAX_LIGHTS};
 import package::scene::environment::sky;

@@ -225,7 +225,7 @@ fn bevy_source(root: &Path, name: &str) -> PathBuf {
 }
 
 /// The WGSL of `entry`, a module that can import `package::...`. `replaced` replaces files of the crate, by path under `src`:
-/// `("scene/alpha.wesl", "...")`. Errors end the test with the compiler's message.
+/// `("scene/alpha_mask.wesl", "...")`. Errors end the test with the compiler's message.
 pub fn flatten(entry: &str, replaced: &[(&str, &str)], defs: &[ShaderDefVal]) -> String {
     let mut shaders = Shaders::load();
     for (path, source) in replaced {

@@ -40,7 +40,7 @@ pub fn shader(stack_size: u32, masked_geometry: bool) -> String {
     if masked_geometry {
         defs.push("ALPHA_MASKED_GEOMETRY".into());
     }
-    wesl::flatten(include_str!("tracer.wesl"), &[("scene/alpha.wesl", ALPHA)], &defs)
+    wesl::flatten(include_str!("tracer.wesl"), &[("scene/alpha_mask.wesl", ALPHA)], &defs)
 }
 
 fn trace(gpu: &Gpu, wgsl: &str, checks: Checks, scene: &Packed, rays: &[TraceRay]) -> Vec<Answer> {
