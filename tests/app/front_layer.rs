@@ -86,6 +86,14 @@ fn differing(a: &[[f32; 4]], b: &[[f32; 4]]) -> usize {
     a.iter().zip(b).filter(|(a, b)| a != b).count()
 }
 
+/// Largest difference of a channel, relative to its value.
+fn largest_difference(a: &[[f32; 4]], b: &[[f32; 4]]) -> f32 {
+    let channels = a.as_flattened().iter().zip(b.as_flattened());
+    channels
+        .map(|(a, b)| (a - b).abs() / a.abs().max(0.01))
+        .fold(0.0, f32::max)
+}
+
 /// Schlick's term.
 fn fresnel(reflectance: f32, cosine: f32) -> f32 {
     let f0 = 0.16 * reflectance * reflectance;
@@ -402,7 +410,9 @@ fn nothing_see_through_costs_nothing() {
         app.world().entity_mut(sheet).insert(before(3.0));
         (0..4).for_each(|_| frame(app));
         assert!(layer_bytes(app) > 0, "{tracer:?}");
-        assert_eq!(differing(&on, &app.capture_linear().unwrap()), 0, "{tracer:?}");
+        // The history of the layer begins anew, which rounds differently on some GPUs.
+        let apart = largest_difference(&on, &app.capture_linear().unwrap());
+        assert!(apart <= 0.004, "{tracer:?}: {apart}");
         set_material(app, sheet, unlit(BLACK));
         (0..70).for_each(|_| frame(app));
         assert_eq!(layer_bytes(app), 0, "{tracer:?}");

@@ -26,7 +26,7 @@ const OBJECTS: usize = 2 + MANY;
 /// Bytes that the plugin is allowed to keep without any reflecting camera.
 const IDLE_BYTES: u64 = 1 << 20;
 /// Bytes that alignment can add to an allocation, depending on its position.
-const PADDING: u64 = 256;
+const PADDING: u64 = 512;
 
 /// Bytes of GPU memory by label.
 type Memory = BTreeMap<String, u64>;
