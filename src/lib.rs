@@ -117,7 +117,7 @@ pub use device::{HardwareVrsSupport, ReflectionTextureMode, ReflectionTracer};
 pub use diagnostics::{ReflectionDiagnosticsPlugin, ReflectionNonFiniteReport};
 pub use events::{ReflectionsDeclined, ReflectionsReady};
 pub use plugin::RayTracedReflectionsPlugin;
-pub use scene::{ReflectedMaterial, ReflectedMaterialPlugin};
+pub use scene::{OriginShift, ReflectedMaterial, ReflectedMaterialPlugin};
 pub use schedule::ReflectionSystems;
 pub use settings::{
     AdaptiveThresholds, CombinedThresholds, FrontLayerShader, GrazingThresholds, NotReflected, RATE_LEGEND,

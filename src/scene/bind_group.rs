@@ -29,7 +29,7 @@ use super::{
 use crate::{device::ReflectionTracer, settings::WantsReflections, status::ReflectionStatus, vrs::BindGroupContents};
 use bevy::{
     ecs::{entity::EntityHashMap, prelude::*, system::SystemParam},
-    math::Vec3,
+    math::{DVec3, Vec3},
     render::{
         render_resource::{
             BindGroup, BindGroupEntry, BindGroupLayoutDescriptor, BindingResource, Buffer, BufferDescriptor,
@@ -81,8 +81,10 @@ pub struct SceneBindings {
     /// All back ends in use support two acceleration structures.
     pub(super) may_split: bool,
     defs_version: u32,
-    /// Vector by which the whole world was shifted in this frame.
-    pub(crate) shift: Vec3,
+    /// Vector by which the whole world was shifted in this frame ...
+    pub(super) shift: Vec3,
+    /// ... and the sum of all of them. Views compare it with that of their last frame, which can be older.
+    pub(crate) origin: DVec3,
     /// Places of reflecting cameras in the last frame.
     pub(super) cameras: EntityHashMap<Vec3>,
     /// Counts changes of the scene.
@@ -131,6 +133,7 @@ impl FromWorld for SceneBindings {
             may_split: true,
             defs_version: 0,
             shift: Vec3::ZERO,
+            origin: DVec3::ZERO,
             cameras: EntityHashMap::default(),
             version: SceneVersion::default(),
             generations: [u64::MAX; 8],

@@ -13,6 +13,7 @@ use super::{
         extract::{KnownLights, LightWorld, extract_lights},
     },
     meshes::{MeshWorld, SceneMeshes, extract_meshes, kept::RenderWorldMeshes},
+    origin::{AnnouncedShift, OriginShift},
     pose::{ExtractedPoses, PoseWorld, extract_poses},
     render_layers::{LightLayers, SceneLayers},
     textures::{TextureTable, extract_texture_changes},
@@ -36,6 +37,7 @@ pub(super) struct Onlookers<'w, 's> {
     clear_color: Option<Res<'w, ClearColor>>,
     fog: FogWorld<'w, 's>,
     retention: Option<Res<'w, ReflectionRetention>>,
+    shifts: MessageReader<'w, 's, OriginShift>,
     removed: RemovedFromScene<'w, 's>,
 }
 
@@ -47,9 +49,10 @@ pub(super) fn begin_extraction(
     mut views: Query<(Entity, &mut ViewEnvironment)>,
     mut activity: ResMut<SceneActivity>,
     mut layers: ResMut<SceneLayers>,
-    mut lost: ResMut<LostComponents>,
+    (mut lost, mut announced): (ResMut<LostComponents>, ResMut<AnnouncedShift>),
     mut instances: ResMut<SceneInstances>,
 ) {
+    announced.add(world.shifts.read());
     let active = world.cameras.iter().filter(|(_, _, camera, ..)| camera.is_active);
     let kept = world.retention.as_deref().copied().unwrap_or_default().0;
     activity.follow(active.clone().next().is_some(), time.delta(), kept);

@@ -48,6 +48,15 @@ impl Touched {
     }
 }
 
+/// A light of which only the place changed.
+struct MovedLight {
+    place: u32,
+    /// Before the change.
+    position: Vec3,
+    restless: u32,
+    change: Change,
+}
+
 /// The lights of the scene in the render world.
 #[derive(Resource, Default)]
 pub struct ExtractedLights {
@@ -62,6 +71,8 @@ pub struct ExtractedLights {
     restless: Vec<u32>,
     /// Lights with a mark.
     marked: Vec<u32>,
+    /// Lights that only moved in this frame.
+    moved: Vec<MovedLight>,
     /// Bevy's shaders support rectangle lights, which depends on Bevy's cargo feature `area_light_luts`.
     rects_shine: bool,
 }
@@ -82,8 +93,23 @@ impl ExtractedLights {
         &self.textures
     }
 
-    /// Lights that changed since the last call, and the kind of change.
-    pub(super) fn take_changes(&mut self) -> (Touched, Change) {
+    /// Lights that changed since the last call, and the kind of change. Lights that moved with the whole world by `shift` are uploaded, but
+    /// count as unchanged.
+    pub(super) fn take_changes(&mut self, shift: Vec3) -> (Touched, Change) {
+        for light in self.moved.drain(..) {
+            let now = &mut self.lights[light.place as usize];
+            let most = 4.0 * f32::EPSILON * (light.position.abs() + Vec3::from(now.position).abs() + shift.abs());
+            let rest = Vec3::from(now.position) - light.position - shift;
+            if shift == Vec3::ZERO || !rest.abs().cmple(most).all() {
+                self.change = self.change.max(light.change);
+                continue;
+            }
+            self.restless[light.place as usize] = light.restless;
+            if light.restless == 0 {
+                now.flags &= !LIGHT_RESTLESS;
+                self.marked.retain(|place| *place != light.place);
+            }
+        }
         (core::mem::take(&mut self.touched), core::mem::take(&mut self.change))
     }
 
@@ -109,6 +135,7 @@ impl ExtractedLights {
             self.touched = Touched::All;
             self.change = Change::Unmarked;
             self.marked.clear();
+            self.moved.clear();
             self.restless.clear();
             self.restless.resize(self.lights.len(), 0);
         }
@@ -132,7 +159,20 @@ impl ExtractedLights {
         // Hits at a light's old place can't detect that it begins to move.
         let is_marked = *restless > 0 || light == in_its_color;
         let change = if is_marked { Change::Marked } else { Change::Unmarked };
-        self.change = self.change.max(change);
+        let in_its_place = GpuLight {
+            position: light.position,
+            ..previous
+        };
+        if light == in_its_place {
+            self.moved.push(MovedLight {
+                place,
+                position: previous.position.into(),
+                restless: *restless,
+                change,
+            });
+        } else {
+            self.change = self.change.max(change);
+        }
         let mark = known.flags & LIGHT_RESTLESS;
         if mark == 0 {
             self.marked.push(place);

@@ -33,6 +33,7 @@ pub mod materials;
 mod merge;
 pub mod meshes;
 pub mod motion;
+mod origin;
 pub mod pack_lights;
 mod pose;
 mod prepare;
@@ -54,6 +55,7 @@ pub(crate) use bind_group::SceneDefinitions;
 pub(crate) use change::Change;
 pub(crate) use features::{Features, Fit, Passes};
 pub use materials::ReflectedMaterial;
+pub use origin::OriginShift;
 pub(crate) use prepare::moves_along;
 pub use reflected_material::ReflectedMaterialPlugin;
 
@@ -79,6 +81,7 @@ use light_probes::ExtractedLightProbes;
 use lights::ExtractedLights;
 use materials::{MaterialAssets, MaterialTable};
 use meshes::{SceneMeshes, keep_render_world_meshes, kept::RenderWorldMeshes};
+use origin::AnnouncedShift;
 use pose::ExtractedPoses;
 use prepare::prepare_scene;
 use reflected_material::add_extraction;
@@ -91,6 +94,7 @@ pub(crate) struct ScenePlugin;
 
 impl Plugin for ScenePlugin {
     fn build(&self, app: &mut App) {
+        app.add_message::<OriginShift>().register_type::<OriginShift>();
         if app.get_sub_app(RenderApp).is_none() {
             return;
         }
@@ -144,6 +148,7 @@ impl Plugin for ScenePlugin {
             .init_gpu_resource::<SceneActivity>()
             .init_gpu_resource::<SceneInstances>()
             .init_resource::<LostComponents>()
+            .init_resource::<AnnouncedShift>()
             .init_resource::<LevelsOfDetail>()
             .init_gpu_resource::<MaterialAssets>()
             .init_gpu_resource::<MaterialTable>()

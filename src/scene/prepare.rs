@@ -20,6 +20,7 @@ use super::{
     masks::{Changes, Surroundings},
     materials::{MaterialAssets, MaterialTable, update_materials},
     meshes::{SceneMeshes, upload::upload_meshes},
+    origin::AnnouncedShift,
     pose::{ExtractedPoses, PoseInputs},
     render_layers::SceneLayers,
     textures::TextureTable,
@@ -72,6 +73,7 @@ pub(super) struct Scene<'w, 's> {
     cache: Res<'w, PipelineCache>,
     diagnostics: Option<Res<'w, DiagnosticsRecorder>>,
     activity: Res<'w, SceneActivity>,
+    announced: ResMut<'w, AnnouncedShift>,
     status: Res<'w, ReflectionStatus>,
     device: Res<'w, RenderDevice>,
     queue: Res<'w, RenderQueue>,
@@ -157,8 +159,8 @@ impl Scene<'_, '_> {
         let places = self.cameras.iter();
         let places = places.map(|(camera, view)| (camera, view.world_from_view.translation()));
         let steps = bindings.steps_of_cameras(places);
-        let shift = bindings.find_shift(&moved, instances, &steps);
-        bindings.shift = shift.unwrap_or_default().into();
+        let shift = bindings.find_shift(&moved, instances, &steps, self.announced.take());
+        bindings.note_shift(shift);
         let moving = match shift {
             Some(by) => &bindings.shift_all(by, &moved, instances),
             None => &moved,
@@ -292,7 +294,7 @@ impl Scene<'_, '_> {
                 .materials
                 .write(self.materials.materials(), changed, device, queue);
         }
-        let (touched, mut change) = self.lights.take_changes();
+        let (touched, mut change) = self.lights.take_changes(bindings.shift);
         if bindings.features.contains(Features::ATMOSPHERE) && self.lights.touches_sun(&touched) {
             // The light also affects sky and haze, which rays see without hitting anything that is marked.
             change = Change::Unmarked;

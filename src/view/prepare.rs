@@ -109,7 +109,7 @@ impl PreparedViewItem<'_, '_> {
             flags,
             fog: self.fog.into(),
             seconds: surroundings.time.elapsed_secs_wrapped(),
-            shift: surroundings.scene.shift,
+            world_origin: surroundings.scene.origin,
             scene: surroundings.scene.version.all,
             unmarked: surroundings.scene.version.unmarked,
             changes_met: self.culling.as_ref().and_then(|culling| culling.changes_met()),

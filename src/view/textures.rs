@@ -10,7 +10,7 @@ use crate::{
 };
 use bevy::{
     ecs::component::Component,
-    math::{UVec2, Vec3},
+    math::{DVec3, UVec2, Vec3},
     render::{render_resource::UniformBuffer, renderer::RenderDevice},
 };
 
@@ -30,6 +30,8 @@ pub struct ReflectionTextures {
     /// Frames in which a ray hit a changed object, plus changes whose visibility is unknown.
     met: [u32; 2],
     previous: Option<PreviousFrame>,
+    /// [`Frame::world_origin`] of the last frame.
+    world_origin: DVec3,
     /// This view is static in this frame, at least partly.
     pub(crate) is_at_rest: bool,
     static_view: StaticView<ViewFingerprint>,
@@ -54,6 +56,7 @@ impl ReflectionTextures {
             scene: 0,
             met: [0; 2],
             previous: None,
+            world_origin: DVec3::ZERO,
             is_at_rest: false,
             static_view: StaticView::default(),
         }
@@ -82,8 +85,8 @@ impl ReflectionTextures {
     }
 
     /// Moves the last frame with the world, so that history and static views survive a shift of the origin.
-    fn shift(&mut self, frame: &Frame) {
-        let is_same = self.previous.as_mut().is_some_and(|previous| previous.shift(frame));
+    fn shift(&mut self, by: Vec3, frame: &Frame) {
+        let is_same = self.previous.as_mut().is_some_and(|previous| previous.shift(by, frame));
         match self.static_view.last_mut() {
             Some(last) if is_same => last.shift(frame),
             _ => self.static_view = StaticView::default(),
@@ -98,8 +101,10 @@ impl ReflectionTextures {
             Some(met) => self.met[0] = met,
             None => self.met[1] = self.met[1].wrapping_add(u32::from(scene_changed)),
         }
-        if frame.shift != Vec3::ZERO {
-            self.shift(frame);
+        // Views that weren't drawn for some frames catch up.
+        let shift = frame.world_origin - core::mem::replace(&mut self.world_origin, frame.world_origin);
+        if shift != DVec3::ZERO {
+            self.shift(shift.as_vec3(), frame);
         }
         let fingerprint = if converged {
             Some(ViewFingerprint::of_truth(view, frame))

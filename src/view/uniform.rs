@@ -7,7 +7,7 @@ use crate::{
 };
 use bevy::{
     color::{Alpha, ColorToComponents},
-    math::{Mat4, UVec2, Vec3, Vec4},
+    math::{DVec3, Mat4, UVec2, Vec3, Vec4},
     pbr::{DistanceFog, FogFalloff},
     render::render_resource::{BindGroupId, ShaderType},
 };
@@ -151,8 +151,8 @@ pub(crate) struct Frame {
     pub fog: Fog,
     /// Seconds since the start of the app.
     pub seconds: f32,
-    /// Vector by which the whole world was shifted in this frame.
-    pub shift: Vec3,
+    /// Vector by which the whole world has been shifted.
+    pub world_origin: DVec3,
     /// Counts changes of the scene.
     pub scene: u32,
     /// Counts changes that affect all views.
@@ -224,8 +224,8 @@ const SHIFT_TOLERANCE: f32 = 1e-6;
 
 impl PreviousFrame {
     /// Moves the camera with the world, unless it stayed where it was. Returns whether the view of the world stayed the same.
-    pub fn shift(&mut self, frame: &Frame) -> bool {
-        let (by, stayed) = (frame.shift, self.world_position);
+    pub fn shift(&mut self, by: Vec3, frame: &Frame) -> bool {
+        let stayed = self.world_position;
         if !moves_along(frame.world_position - stayed, by) {
             return false;
         }

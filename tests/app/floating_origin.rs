@@ -4,10 +4,11 @@ use crate::{
     common::app,
     convergence::{capture, switch},
     pictures::{COARSE, assert_flip, spawn},
-    stage::{SIZE, report, until_at_rest},
+    stage::{BEFORE_THE_MIRROR, BLUE, RED, SIZE, metal, report, spawn_camera, spawn_mesh, unlit, until_at_rest, wall},
 };
 use bevy::prelude::*;
-use bevy_glint::{RayTracedReflections, ReflectionTechnique, ReflectionTracerChoice};
+use bevy_glint::{OriginShift, RayTracedReflections, ReflectionRetention, ReflectionTechnique, ReflectionTracerChoice};
+use core::time::Duration;
 use glint_scenes::{HeadlessApp, Output, SceneName};
 
 /// Sums and differences with the coordinates of the scene are nearly exact.
@@ -68,6 +69,111 @@ fn history_survives_shifts_of_the_origin() {
         assert_eq!(report(&mut app).merged_instances, merged, "{round}");
         app.step(30);
     }
+}
+
+/// A rough mirror under a lamp. Most objects stay where they are when the world is shifted.
+struct RoughMirror {
+    app: HeadlessApp,
+    camera: Entity,
+    world: Vec<Entity>,
+}
+
+impl RoughMirror {
+    /// `technique` is the name of settings, as in [`switch`].
+    fn new(technique: &str) -> Option<Self> {
+        let mut app = app(SIZE, Output::Linear, ReflectionTracerChoice::Bvh)?;
+        let camera = spawn_camera(&mut app, BEFORE_THE_MIRROR, SceneName::MirrorRoom);
+        let mirror = spawn_mesh(&mut app, wall(), metal(0.35), Transform::IDENTITY);
+        let mut world = vec![camera, mirror];
+        for x in [-2.0, 0.0, 2.0] {
+            let at = Transform::from_xyz(x, 0.3 * x, 5.0);
+            world.push(spawn_mesh(&mut app, Cuboid::from_length(1.0), unlit(RED), at));
+            let beside = Transform::from_xyz(x, -1.0, 5.5);
+            world.push(spawn_mesh(&mut app, Sphere::new(0.6), Color::WHITE.into(), beside));
+        }
+        for x in 0..10 {
+            let afar = Transform::from_xyz(x as f32, 0.0, 4_000.0);
+            spawn_mesh(&mut app, Cuboid::from_length(0.5), unlit(BLUE), afar);
+        }
+        let lamp = PointLight {
+            intensity: 50.0,
+            ..default()
+        };
+        world.push(app.world().spawn((lamp, Transform::from_xyz(0.0, 2.0, 3.5))).id());
+        switch(&mut app, camera, technique);
+        app.step(40);
+        Some(Self { app, camera, world })
+    }
+
+    /// Moves the world back and forth.
+    fn shift(&mut self, by: Vec3, is_announced: bool) {
+        let world = self.app.world();
+        for entity in &self.world {
+            world.get_mut::<Transform>(*entity).unwrap().translation += by;
+        }
+        if is_announced {
+            world.write_message(OriginShift(by));
+        }
+    }
+
+    fn activate(&mut self, is_active: bool) {
+        self.app.world().get_mut::<Camera>(self.camera).unwrap().is_active = is_active;
+    }
+
+    /// The error of the next frame against an earlier one.
+    fn error(&mut self, truth: &[f32]) -> f32 {
+        self.app.step(1);
+        error(truth, &capture(&mut self.app, "the mirror"))
+    }
+}
+
+/// The scene is too small to be recognised, and most objects stay.
+#[test]
+fn announced_shifts_are_believed() {
+    let Some(mut mirror) = RoughMirror::new("quarter") else {
+        return;
+    };
+    mirror.app.world().insert_resource(ReflectionRetention(Duration::MAX));
+    let before = capture(&mut mirror.app, "before");
+    mirror
+        .app
+        .world()
+        .get_mut::<RayTracedReflections>(mirror.camera)
+        .unwrap()
+        .reset = true;
+    let fresh = mirror.error(&before);
+    mirror.app.step(40);
+    mirror.shift(SHIFT, true);
+    let announced = mirror.error(&before);
+    mirror.app.step(40);
+    // While no camera is active.
+    mirror.activate(false);
+    mirror.app.step(1);
+    mirror.shift(-SHIFT, true);
+    mirror.app.step(1);
+    mirror.activate(true);
+    let unseen = mirror.error(&before);
+    mirror.app.step(40);
+    mirror.shift(SHIFT, false);
+    let unannounced = mirror.error(&before);
+    println!("errors: {announced}, {unseen} while inactive, {unannounced} unannounced, {fresh} without history");
+    assert!(announced < 0.5 * fresh && unseen < 0.5 * fresh);
+    assert!(unannounced > 0.7 * fresh, "this test can't fail");
+}
+
+/// The ground truth begins anew after every change of the scene.
+#[test]
+fn lamps_move_with_the_world() {
+    let Some(mut mirror) = RoughMirror::new("converged") else {
+        return;
+    };
+    let before = capture(&mut mirror.app, "before");
+    mirror.shift(SHIFT, true);
+    let shifted = mirror.error(&before);
+    mirror.shift(-SHIFT, false);
+    let unannounced = mirror.error(&before);
+    println!("errors: {shifted}, {unannounced} unannounced");
+    assert!(shifted < 0.2 * unannounced);
 }
 
 /// Root mean square error as a display shows it.

@@ -382,7 +382,7 @@ mod tests {
                 ..*light
             };
             assert!(extracted.lights().iter().map(without_mark).eq(all), "step {step}");
-            let (touched, _) = extracted.take_changes();
+            let (touched, _) = extracted.take_changes(Vec3::ZERO);
             assert!(!stays || touched != Touched::All, "step {step}");
             match touched {
                 Touched::All => copy = extracted.lights().to_vec(),
@@ -447,7 +447,7 @@ mod tests {
             extract_lights(&lights, true, &layers, &mut extracted, &mut known);
             let marks = extracted.lights().iter().map(|light| light.flags & LIGHT_RESTLESS != 0);
             let marks: Vec<bool> = marks.collect();
-            (marks, extracted.take_changes())
+            (marks, extracted.take_changes(Vec3::ZERO))
         };
         frame(&world);
         let shift = |world: &mut World, x: f32| {

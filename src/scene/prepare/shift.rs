@@ -56,13 +56,26 @@ impl SceneBindings {
         steps
     }
 
-    /// The vector by which nearly all objects and a camera moved in this frame. Objects that pass a camera just move.
-    pub(super) fn find_shift(&self, moved: &[u32], instances: &SceneInstances, cameras: &[Vec3]) -> Option<Vec3A> {
+    /// The announced vector, if any object moved by it; otherwise the vector by which nearly all objects and a camera moved in this frame.
+    /// Objects that pass a camera just move.
+    pub(super) fn find_shift(
+        &self,
+        moved: &[u32],
+        instances: &SceneInstances,
+        cameras: &[Vec3],
+        announced: Option<Vec3>,
+    ) -> Option<Vec3A> {
+        let places = |slot: u32| Some((self.instances.place(slot)?, &instances.get(slot)?.world_from_object));
+        let moved_by = |slot: u32, by: Vec3A| places(slot).is_some_and(|(before, now)| is_shifted(before, now, by));
+        if let Some(by) = announced.map(Vec3A::from)
+            && moved.iter().any(|&slot| moved_by(slot, by))
+        {
+            return Some(by);
+        }
         let enough = |count: usize| count > 1 && OTHERS * count >= (OTHERS - 1) * self.instances.present_count();
         if !enough(moved.len()) {
             return None;
         }
-        let places = |slot: u32| Some((self.instances.place(slot)?, &instances.get(slot)?.world_from_object));
         let samples = moved.iter().step_by((moved.len() / SAMPLES).max(1)).take(SAMPLES);
         let samples: Vec<_> = samples.filter_map(|slot| places(*slot)).collect();
         let candidates = samples.iter().filter_map(|(before, now)| step(before, now));
@@ -70,11 +83,16 @@ impl SceneBindings {
             // In a crowd where everything moves on its own, no vector gets past the samples.
             let agreeing = samples.iter().filter(|(before, now)| is_shifted(before, now, by));
             let is_along = |step: &Vec3| moves_along(*step, Vec3::from(by));
-            let fits = |slot: &&u32| places(**slot).is_some_and(|(before, now)| is_shifted(before, now, by));
             2 * agreeing.count() > samples.len()
                 && cameras.iter().any(is_along)
-                && enough(moved.iter().filter(fits).count())
+                && enough(moved.iter().filter(|slot| moved_by(**slot, by)).count())
         })
+    }
+
+    /// Keeps the shift of this frame for lights and views.
+    pub(super) fn note_shift(&mut self, shift: Option<Vec3A>) {
+        self.shift = shift.unwrap_or_default().into();
+        self.origin += self.shift.as_dvec3();
     }
 
     /// Shifts all objects that moved by this vector. Returns the slots of the others.
