@@ -76,6 +76,7 @@ mod fallback;
 mod front_layer;
 mod gbuffer;
 mod gpu_time;
+mod guides;
 pub mod manual;
 mod node;
 mod pass_table;
@@ -116,6 +117,7 @@ pub use device::ShadingRates;
 pub use device::{HardwareVrsSupport, ReflectionTextureMode, ReflectionTracer};
 pub use diagnostics::{ReflectionDiagnosticsPlugin, ReflectionNonFiniteReport};
 pub use events::{ReflectionsDeclined, ReflectionsReady};
+pub use guides::ReflectionGuideTextures;
 pub use plugin::RayTracedReflectionsPlugin;
 pub use scene::{OriginShift, ReflectedMaterial, ReflectedMaterialPlugin};
 pub use schedule::ReflectionSystems;
@@ -124,10 +126,10 @@ pub use settings::{
     RayTracedReflections, ReflectedLayers, ReflectedMaterial3d, ReflectedMesh3d, ReflectedPose, ReflectedPoseBudget,
     ReflectedSurfaceShader, ReflectionAutoQuality, ReflectionBackend, ReflectionBudget, ReflectionDebugCounters,
     ReflectionDebugSplit, ReflectionDebugView, ReflectionDenoiser, ReflectionEffort, ReflectionFallback,
-    ReflectionPreset, ReflectionQuality, ReflectionRetention, ReflectionSampling, ReflectionTechnique,
-    ReflectionTextureMip, ReflectionTracerChoice, ReflectionUploadBudget, ReflectionWarmUp, ReflectionsOff,
-    RoughnessThresholds, ScreenTraces, ShadingRate, ShadingRateHeuristic, ShadingRateTileSize, TECHNIQUE_NAMES,
-    UnknownName, named_settings,
+    ReflectionGuides, ReflectionPreset, ReflectionQuality, ReflectionRetention, ReflectionSampling,
+    ReflectionTechnique, ReflectionTextureMip, ReflectionTracerChoice, ReflectionUploadBudget, ReflectionWarmUp,
+    ReflectionsOff, RoughnessThresholds, ScreenTraces, ShadingRate, ShadingRateHeuristic, ShadingRateTileSize,
+    TECHNIQUE_NAMES, UnknownName, named_settings,
 };
 pub use status::{ReflectionStatus, ReflectionStatusReport, ReflectionViewMemory};
 #[cfg(feature = "egui")]

@@ -3,6 +3,7 @@
 use crate::{
     composite::{Surfaces, keep_screen},
     device::tracing_app,
+    guides::write_guides,
     passes::{PassPipelines, record_counters},
     pipelines::Pipelines,
     schedule::ReflectionSystems,
@@ -30,7 +31,9 @@ impl Plugin for NodePlugin {
         render_app.add_systems(
             Core3d,
             (
-                ray_traced_reflections.in_set(ReflectionSystems::Passes),
+                (ray_traced_reflections, write_guides)
+                    .chain()
+                    .in_set(ReflectionSystems::Passes),
                 keep_screens.in_set(ReflectionSystems::KeepScreens),
             ),
         );

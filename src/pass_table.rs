@@ -7,6 +7,7 @@ use crate::{
     device::tracing_app,
     diagnostics::CountInvocations,
     front_layer::FIND,
+    guides::GUIDES,
     pipelines::{Pass, Pipelines},
     rate::{ADAPTIVE_RATES, RATES},
     scene::SceneBindings,
@@ -23,7 +24,7 @@ use bevy::{
 };
 
 /// All passes over the G-buffer.
-pub(crate) const PASSES: [&Pass; 22] = [
+pub(crate) const PASSES: [&Pass; 23] = [
     RATES,
     ADAPTIVE_RATES,
     RAYS,
@@ -46,6 +47,7 @@ pub(crate) const PASSES: [&Pass; 22] = [
     COUNT,
     LOCATE,
     FINISH,
+    GUIDES,
 ];
 
 /// Modules of all passes.

@@ -10,8 +10,8 @@ use crate::{
     ready::Readiness,
     settings::{
         ClampedSettings, LightingHook, RateSettings, RayTracedReflections, ReflectionBackend, ReflectionDebugCounters,
-        ReflectionDebugSplit, ReflectionDebugView, ReflectionEffort, ReflectionRetention, ReflectionTechnique,
-        ReflectionView, ShadingRateHeuristic, ShadingRateTileSize, ViewDebug, WantsReflections,
+        ReflectionDebugSplit, ReflectionDebugView, ReflectionEffort, ReflectionGuides, ReflectionRetention,
+        ReflectionTechnique, ReflectionView, ShadingRateHeuristic, ShadingRateTileSize, ViewDebug, WantsReflections,
     },
     status::ReflectionStatus,
     targets::LARGEST_TRACE_SIZE,
@@ -56,6 +56,7 @@ pub(super) struct CameraQuery {
     debug_view: Option<&'static ReflectionDebugView>,
     debug_split: Option<&'static ReflectionDebugSplit>,
     debug_counters: Has<ReflectionDebugCounters>,
+    guides: Has<ReflectionGuides>,
     resolution: Option<&'static MainPassResolutionOverride>,
 }
 
@@ -255,9 +256,10 @@ impl Extraction<'_, '_> {
                 settings,
                 rate,
                 debug,
+                guides: camera.guides,
             });
         } else if let Some(active) = &mut active {
-            (active.reset, active.debug) = (reset, debug);
+            (active.reset, active.debug, active.guides) = (reset, debug, camera.guides);
         }
         ready || active.is_some()
     }

@@ -93,6 +93,10 @@ impl Failure {
         library: "transparent and forward surfaces show no ray-traced reflections, since the shader that finds them failed",
         own: "the shader of `FrontLayerShader` failed, so that reflections follow normal maps alone",
     };
+    pub const GUIDES: Self = Self {
+        library: "`ReflectionGuides` get no textures, since their shader failed",
+        own: "",
+    };
     /// Only Bevy's own message is logged.
     pub const DEBUG: Self = Self { library: "", own: "" };
 }

@@ -17,6 +17,7 @@
 //! | `stand_in.rs` | components of objects: their mesh and material for rays |
 //! | `warm_up.rs` | shaders that are compiled before they are needed |
 //! | `words.rs` | names on command lines and in files |
+//! | `guides.rs` | textures for other plugins |
 //! | `clamped.rs`, `clamped_rate.rs` | settings within their ranges, for shaders |
 //! | `view.rs` | settings of a view in the render world |
 
@@ -28,6 +29,7 @@ mod clamped_rate;
 mod debug;
 mod denoiser;
 mod front_layer;
+mod guides;
 mod heuristic;
 mod pose;
 mod presets;
@@ -48,6 +50,7 @@ pub use budget::{ReflectionBudget, ReflectionEffort};
 pub use debug::{RATE_LEGEND, ReflectionDebugCounters, ReflectionDebugSplit, ReflectionDebugView};
 pub use denoiser::ReflectionDenoiser;
 pub use front_layer::FrontLayerShader;
+pub use guides::ReflectionGuides;
 pub use heuristic::{
     AdaptiveThresholds, CombinedThresholds, GrazingThresholds, RoughnessThresholds, ShadingRateHeuristic,
     ShadingRateTileSize,
@@ -120,6 +123,7 @@ impl Plugin for SettingsPlugin {
             .register_type::<ReflectionDebugView>()
             .register_type::<ReflectionDebugSplit>()
             .register_type::<ReflectionDebugCounters>()
+            .register_type::<ReflectionGuides>()
             .register_type::<ReflectionPreset>()
             .register_type::<ReflectionQuality>()
             .register_type::<ReflectionsOff>()

@@ -11,6 +11,8 @@ pub struct ReflectionView {
     /// History must be discarded.
     pub(crate) reset: bool,
     pub(crate) debug: ViewDebug,
+    /// Its reflections are described to other plugins.
+    pub(crate) guides: bool,
 }
 
 /// A view that can reflect: its lighting uses our uniform, which contains the parts of its light that reflections replace.

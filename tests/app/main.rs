@@ -27,6 +27,7 @@ mod floating_origin;
 mod forward;
 mod front_layer;
 mod ground_truth;
+mod guides;
 mod half_resolution;
 mod idle;
 mod levels;

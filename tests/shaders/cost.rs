@@ -56,7 +56,7 @@ const SCENE_PASSES: [(&str, &[&str]); 14] = [
 ];
 
 /// All others, and passes for scenes with rare features.
-const PASSES: [(&str, &[&str]); 95] = [
+const PASSES: [(&str, &[&str]); 96] = [
     (
         "front_layer/find",
         &["FRONT_LAYER", "FORWARD_SURFACES", "ALPHA_MASKED_GEOMETRY"],
@@ -197,6 +197,7 @@ const PASSES: [(&str, &[&str]); 95] = [
     ("debug/show", &["REFLECTION"]),
     ("debug/show", &["REFLECTION", "BLUR"]),
     ("debug/show", &["REFLECTION", "BLUR", "HALF_RESOLUTION"]),
+    ("guides/guides", &[]),
 ];
 
 /// Names of the columns.

@@ -1,0 +1,203 @@
+//! Textures about reflections for other plugins, read as such a plugin reads them.
+
+use crate::{
+    common::app,
+    pictures::warm_up,
+    stage::{BEFORE_THE_MIRROR, RED, SIZE, metal, spawn_camera, spawn_mesh, unlit, wall},
+};
+use bevy::{
+    prelude::*,
+    render::{
+        RenderApp,
+        render_resource::{
+            BufferDescriptor, BufferUsages, CommandEncoderDescriptor, MapMode, PollType, TexelCopyBufferInfo,
+            TexelCopyBufferLayout, TextureView,
+        },
+        renderer::{RenderDevice, RenderQueue},
+        sync_world::RenderEntity,
+    },
+};
+use bevy_glint::{
+    RayTracedReflections, ReflectionDenoiser, ReflectionGuideTextures, ReflectionGuides, ReflectionTechnique,
+    ReflectionTracerChoice,
+};
+use glint_scenes::{HeadlessApp, Output, SceneName};
+
+/// Metres from the camera to the mirror, and from the mirror to the surface behind the camera.
+const TO_MIRROR: f32 = BEFORE_THE_MIRROR.translation.z;
+const BEHIND: f32 = 7.0;
+/// Metres by which the camera moves to the right in each frame.
+const STEP: f32 = 0.02;
+
+/// A mirror that moves sideways before a camera, and what it reflects.
+struct Stage {
+    app: HeadlessApp,
+    camera: Entity,
+}
+
+impl Stage {
+    fn new(roughness: f32) -> Option<Self> {
+        let mut app = app(SIZE, Output::Linear, ReflectionTracerChoice::Bvh)?;
+        let camera = spawn_camera(&mut app, BEFORE_THE_MIRROR, SceneName::MirrorRoom);
+        spawn_mesh(&mut app, wall(), metal(roughness), Transform::IDENTITY);
+        let facing_the_mirror = Transform::from_xyz(0.0, 0.0, BEHIND).looking_to(Vec3::Z, Vec3::Y);
+        spawn_mesh(&mut app, Rectangle::new(60.0, 60.0), unlit(RED), facing_the_mirror);
+        app.world().entity_mut(camera).insert((
+            ReflectionGuides,
+            RayTracedReflections {
+                technique: ReflectionTechnique::Variable,
+                roughness_cutoff: 1.0,
+                ..default()
+            },
+        ));
+        warm_up(&mut app);
+        Some(Self { app, camera })
+    }
+
+    /// Draws some frames while the camera moves to the right.
+    fn walk(&mut self, frames: u32) {
+        for _ in 0..frames {
+            self.app
+                .world()
+                .get_mut::<Transform>(self.camera)
+                .unwrap()
+                .translation
+                .x += STEP;
+            self.app.step(1);
+        }
+    }
+
+    fn guides(&mut self) -> Option<ReflectionGuideTextures> {
+        let view = self.app.world().get::<RenderEntity>(self.camera)?.id();
+        let world = self.app.app().sub_app(RenderApp).world();
+        world.get::<ReflectionGuideTextures>(view).cloned()
+    }
+
+    /// The bytes of the texel in the middle of the view.
+    fn middle(&self, view: &TextureView) -> Vec<u8> {
+        let world = self.app.render_world().unwrap();
+        let (device, queue) = (world.resource::<RenderDevice>(), world.resource::<RenderQueue>());
+        let texture = view.texture();
+        let texel = texture.format().block_copy_size(None).unwrap();
+        let row = RenderDevice::align_copy_bytes_per_row((texture.width() * texel) as usize);
+        let buffer = device.create_buffer(&BufferDescriptor {
+            label: None,
+            size: row as u64 * u64::from(texture.height()),
+            usage: BufferUsages::COPY_DST | BufferUsages::MAP_READ,
+            mapped_at_creation: false,
+        });
+        let mut encoder = device.create_command_encoder(&CommandEncoderDescriptor::default());
+        let layout = TexelCopyBufferLayout {
+            offset: 0,
+            bytes_per_row: Some(row as u32),
+            rows_per_image: None,
+        };
+        let target = TexelCopyBufferInfo {
+            buffer: &buffer,
+            layout,
+        };
+        encoder.copy_texture_to_buffer(texture.as_image_copy(), target, texture.size());
+        queue.submit([encoder.finish()]);
+        let slice = buffer.slice(..);
+        slice.map_async(MapMode::Read, |_| {});
+        let wait = PollType::Wait {
+            submission_index: None,
+            timeout: None,
+        };
+        device.poll(wait).unwrap();
+        let bytes = slice.get_mapped_range().unwrap();
+        let first = row * SIZE.y as usize / 2 + (SIZE.x / 2 * texel) as usize;
+        bytes[first..first + texel as usize].to_vec()
+    }
+
+    /// Horizontal specular motion, hit distance and reactive mask in the middle of the view.
+    fn seen(&mut self) -> [f32; 3] {
+        let guides = self.guides().expect("the camera has guides");
+        assert_eq!(guides.size, SIZE);
+        let half = |bytes: &[u8]| half_float(u16::from_le_bytes([bytes[0], bytes[1]]));
+        [
+            half(&self.middle(&guides.specular_motion)),
+            half(&self.middle(&guides.hit_distance)),
+            f32::from(self.middle(&guides.reactive_mask)[0]) / 255.0,
+        ]
+    }
+}
+
+/// A normal half float, or zero.
+fn half_float(bits: u16) -> f32 {
+    let sign = if bits & 0x8000 == 0 { 1.0 } else { -1.0 };
+    let (exponent, mantissa) = (i32::from(bits >> 10 & 31), f32::from(bits & 1023));
+    if exponent == 0 {
+        return sign * mantissa * 2_f32.powi(-24);
+    }
+    sign * (1.0 + mantissa / 1024.0) * 2_f32.powi(exponent - 15)
+}
+
+/// Motion in fractions of the view of a point before the camera, which moves by [`STEP`].
+fn motion_at(depth: f32) -> f32 {
+    let PerspectiveProjection { fov, .. } = PerspectiveProjection::default();
+    let aspect = SIZE.x as f32 / SIZE.y as f32;
+    -0.5 * STEP / (depth * aspect * (0.5 * fov).tan())
+}
+
+#[track_caller]
+fn assert_near(what: &str, actual: f32, expected: f32, tolerance: f32) {
+    let error = (actual - expected).abs();
+    assert!(
+        error <= tolerance * expected.abs(),
+        "{what}: {actual}, expected {expected}"
+    );
+}
+
+#[test]
+fn a_mirror_describes_its_image() {
+    let Some(mut stage) = Stage::new(0.0) else { return };
+    for half_resolution in [false, true] {
+        let mut settings = stage.app.world().get_mut::<RayTracedReflections>(stage.camera).unwrap();
+        settings.denoiser = ReflectionDenoiser {
+            half_resolution,
+            ..default()
+        };
+        warm_up(&mut stage.app);
+        stage.walk(6);
+        let [motion, distance, mask] = stage.seen();
+        assert_near("motion", motion, motion_at(TO_MIRROR + BEHIND), 0.02);
+        assert_near("distance", distance, BEHIND, 0.01);
+        let pixels = (motion_at(TO_MIRROR) - motion_at(TO_MIRROR + BEHIND)).abs() * SIZE.x as f32;
+        assert_near("mask", mask, pixels.min(1.0), 0.05);
+        // At rest.
+        stage.app.step(3);
+        let [motion, distance, mask] = stage.seen();
+        assert_near("distance at rest", distance, BEHIND, 0.01);
+        assert!(motion.abs() < 1e-5 && mask < 0.01, "{motion}, {mask}");
+    }
+}
+
+#[test]
+fn a_rough_wall_moves_as_its_surface() {
+    let Some(mut stage) = Stage::new(0.7) else { return };
+    stage.walk(6);
+    let [motion, distance, mask] = stage.seen();
+    assert_near("motion", motion, motion_at(TO_MIRROR), 0.02);
+    assert!((BEHIND..BEHIND + 20.0).contains(&distance), "{distance}");
+    assert!(mask < 0.01, "{mask}");
+}
+
+#[test]
+fn cameras_without_the_component_have_no_guides() {
+    let Some(mut stage) = Stage::new(0.0) else { return };
+    assert!(stage.guides().is_some());
+    stage.app.world().entity_mut(stage.camera).remove::<ReflectionGuides>();
+    stage.app.step(3);
+    assert!(stage.guides().is_none(), "removed");
+    stage.app.world().entity_mut(stage.camera).insert(ReflectionGuides);
+    stage.app.step(3);
+    assert!(stage.guides().is_some(), "inserted again");
+    stage
+        .app
+        .world()
+        .entity_mut(stage.camera)
+        .remove::<RayTracedReflections>();
+    stage.app.step(3);
+    assert!(stage.guides().is_none(), "without reflections");
+}
