@@ -1,5 +1,7 @@
 //! Cameras that come and go: reflections exist in their first frame, and survive a frame without any camera.
 
+mod random;
+
 use crate::{
     pictures::{differing_pixels, red_pixels, warm_up},
     stage::{

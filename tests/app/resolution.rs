@@ -57,6 +57,16 @@ fn error(frame: &[u8], truth: &[u8]) -> f32 {
 
 #[test]
 fn dynamic_resolution_keeps_history_and_textures() {
+    change_size(16);
+}
+
+#[test]
+#[ignore = "long: 600 frames of each technique"]
+fn dynamic_resolution_keeps_history_and_textures_for_long() {
+    change_size(150);
+}
+
+fn change_size(steps: u32) {
     let Some(mut app) = app(SIZE, Output::Picture, ReflectionTracerChoice::Bvh) else {
         return;
     };
@@ -92,14 +102,13 @@ fn dynamic_resolution_keeps_history_and_textures() {
         }
         let memory = report(app).view_memory[0].parts.clone();
         let (mut toggled, mut worst) = (0.0, 0.0_f32);
-        const STEPS: u32 = 16;
-        for step in 0..STEPS {
+        for step in 0..steps {
             let index = (step % 2) as usize;
             resize(app, camera, sizes[index]);
             for _ in 0..EVERY {
                 app.step(1);
                 let now = error(&app.capture().unwrap(), &truths[index]);
-                toggled += now / (STEPS * EVERY) as f32;
+                toggled += now / (steps * EVERY) as f32;
                 worst = worst.max(now);
             }
             assert_eq!(report(app).view_memory[0].parts, memory, "{technique:?}: step {step}");
