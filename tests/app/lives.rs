@@ -3,9 +3,11 @@
 mod random;
 
 use crate::{
+    common::app,
     pictures::{differing_pixels, red_pixels, warm_up},
     stage::{
-        BEFORE_THE_MIRROR, RED, frame, metal, report, share_app, spawn_camera, spawn_mesh, unlit, until_at_rest, wall,
+        BEFORE_THE_MIRROR, RED, SIZE, frame, metal, report, share_app, spawn_camera, spawn_mesh, unlit, until_at_rest,
+        wall,
     },
 };
 use bevy::prelude::*;
@@ -14,7 +16,8 @@ use bevy_glint::{
     ShadingRateHeuristic, internals::readback,
 };
 use core::time::Duration;
-use glint_scenes::{HeadlessApp, SceneName};
+use glint_scenes::{HeadlessApp, Output, SceneName};
+use std::time::Instant;
 
 /// Longer than any test.
 const FOREVER: ReflectionRetention = ReflectionRetention(Duration::from_secs(1_000_000));
@@ -268,5 +271,66 @@ fn cameras_that_reflect_later_have_the_hook_already(app: &mut HeadlessApp, trace
             app.step(1);
             assert_eq!(readback::view_key(app.app(), camera), keys, "{tracer:?}: off");
         }
+    }
+}
+
+/// Waits until a mirror shows everything. Returns the number of frames after the first one, and the milliseconds of the longest.
+fn until_whole(app: &mut HeadlessApp, meshes: usize) -> (u32, f64) {
+    let mut longest = 0.0_f64;
+    for frames in 0..20_000 {
+        let start = Instant::now();
+        app.step(1);
+        longest = longest.max(1e3 * start.elapsed().as_secs_f64());
+        app.wait_until_idle().unwrap();
+        let report = report(app);
+        if report.meshes >= meshes && report.meshes_pending == 0 {
+            return (frames, longest);
+        }
+    }
+    panic!("the scene never comes back: {}", report(app));
+}
+
+/// The whole scene stays for the time of `ReflectionRetention`, and comes back afterwards.
+#[test]
+#[ignore = "long: two million triangles"]
+fn a_pause_of_a_large_scene_costs_nothing() {
+    const MESHES: usize = 40;
+    let Some(mut app) = app(SIZE, Output::Picture, ReflectionTracerChoice::Bvh) else {
+        return;
+    };
+    let app = &mut app;
+    retain(app, FOREVER);
+    spawn_mesh(app, wall(), metal(0.0), Transform::IDENTITY);
+    for index in 0..MESHES {
+        // 51,200 triangles each, and no two alike.
+        let sphere = Sphere::new(0.4 + 0.001 * index as f32).mesh().uv(160, 161);
+        let at = Transform::from_xyz((index % 8) as f32 - 3.5, (index / 8) as f32 - 2.0, 6.0);
+        spawn_mesh(app, sphere, unlit(RED), at);
+    }
+    let camera = spawn_reflecting(app);
+    let start = Instant::now();
+    warm_up(app);
+    until_at_rest(app);
+    let (seconds, expected) = (start.elapsed().as_secs_f64(), red(app));
+    println!(
+        "{} triangles at rest after {seconds:.1} s",
+        report(app).merged_triangles
+    );
+    for (name, retention) in [
+        ("a frame", FOREVER),
+        ("longer than the retention", ReflectionRetention(Duration::ZERO)),
+    ] {
+        retain(app, retention);
+        activate(app, camera, false);
+        (0..3).for_each(|_| frame(app));
+        activate(app, camera, true);
+        let (start, (frames, longest)) = (Instant::now(), until_whole(app, MESHES + 1));
+        let seconds = start.elapsed().as_secs_f64();
+        println!(
+            "a pause of {name}: whole after {frames} more frames and {seconds:.2} s, longest frame {longest:.1} ms"
+        );
+        app.step(1);
+        assert_eq!(red(app), expected, "{name}");
+        assert!(frames == 0 || retention != FOREVER, "{name}: {frames} frames");
     }
 }

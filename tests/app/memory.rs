@@ -1,11 +1,14 @@
 //! Memory that the device refuses for a while: reflections lack something meanwhile, and get it once memory is freed.
 
 use crate::{
-    pictures::{apps, red_pixels, reflect},
+    common::app,
+    pictures::{apps, red_pixels, reflect, warm_up},
     stage::{BEFORE_THE_MIRROR, RED, SIZE, clear_glass, frame, metal, report, spawn_camera, spawn_mesh, unlit, wall},
 };
-use bevy::{prelude::*, render::renderer::RenderDevice};
-use bevy_glint::{RayTracedReflections, ReflectionRetention, ReflectionTechnique, internals::refuse_memory};
+use bevy::{camera::Viewport, prelude::*, render::renderer::RenderDevice};
+use bevy_glint::{
+    RayTracedReflections, ReflectionRetention, ReflectionTechnique, ReflectionTracerChoice, internals::refuse_memory,
+};
 use core::time::Duration;
 use glint_scenes::{HeadlessApp, Output, SceneName, is_alone};
 use std::time::Instant;
@@ -173,4 +176,56 @@ fn cameras_that_are_away_make_room_for_others() {
         until(app, "the other view is missing", |app| report(app).ready);
         assert_eq!(report(app).view_memory[0].camera, here, "{tracer:?}");
     }
+}
+
+/// Water before the whole view.
+#[test]
+#[ignore = "long: frames of 3840x2160"]
+fn four_viewports_take_no_more_than_one() {
+    const LARGE: UVec2 = UVec2::new(3840, 2160);
+    let Some(mut app) = app(LARGE, Output::Picture, ReflectionTracerChoice::Bvh) else {
+        return;
+    };
+    let app = &mut app;
+    spawn_mesh(app, wall(), metal(0.3), Transform::IDENTITY);
+    spawn_mesh(app, wall(), clear_glass(), Transform::from_xyz(0.0, 0.0, 1.0));
+    let mut bytes = [1, 2].map(|parts: u32| {
+        let size = LARGE / parts;
+        let cameras: Vec<_> = (0..parts * parts)
+            .map(|index| {
+                let camera = spawn_camera(app, BEFORE_THE_MIRROR, SceneName::Furnace);
+                let mut entity = app.world().entity_mut(camera);
+                entity.insert(RayTracedReflections::default());
+                let mut settings = entity.get_mut::<Camera>().unwrap();
+                settings.order = index as isize;
+                settings.viewport = Some(Viewport {
+                    physical_position: UVec2::new(index % parts, index / parts) * size,
+                    physical_size: size,
+                    ..default()
+                });
+                camera
+            })
+            .collect();
+        warm_up(app);
+        (0..3).for_each(|_| frame(app));
+        let views = report(app).view_memory;
+        assert_eq!(views.len(), cameras.len());
+        let parts = views.iter().flat_map(|view| &view.parts);
+        let (total, layers) = parts.fold((0, 0), |(total, layers), (label, bytes)| {
+            let is_layer = label.starts_with("glint_front_layer");
+            (total + bytes, layers + if is_layer { *bytes } else { 0 })
+        });
+        println!(
+            "{} cameras: {total} bytes, {layers} of them for front layers",
+            cameras.len()
+        );
+        assert!(layers > 0);
+        for camera in cameras {
+            app.world().despawn(camera);
+        }
+        frame(app);
+        total
+    });
+    bytes.sort_unstable();
+    assert!(10 * bytes[1] < 11 * bytes[0], "{bytes:?}");
 }

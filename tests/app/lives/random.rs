@@ -1,7 +1,8 @@
 //! Random lives of two cameras before a mirror: they come and go, change their settings, sizes and targets, and jump.
 //!
-//! In each frame, what was shown must still be shown, and no pixel may be dark. At the end of a life, the image must be that of a new app,
-//! and the memory that of one camera. `GLINT_SEED=7` begins with that life.
+//! In each frame, what was shown must still be shown, and no pixel may be dark. A pause builds nothing again. At the end of a life, images
+//! without noise must be those of new textures; back in the first state, the image must be that of a new app, and the memory that of one
+//! camera. `GLINT_SEED=7` begins with that life.
 
 use super::{FOREVER, plain, spawn_reflecting, spawn_scene};
 use crate::{
@@ -17,8 +18,8 @@ use bevy::{
     render::{RenderApp, render_resource::PipelineCache, sync_world::RenderEntity},
 };
 use bevy_glint::{
-    RayTracedReflections, ReflectionQuality, ReflectionRetention, ReflectionTechnique, ReflectionTracerChoice,
-    ReflectionsOff,
+    RayTracedReflections, ReflectionDenoiser, ReflectionQuality, ReflectionRetention, ReflectionTechnique,
+    ReflectionTracerChoice, ReflectionsOff,
 };
 use core::time::Duration;
 use glint_scenes::{HeadlessApp, Output, Random, SceneName};
@@ -263,13 +264,18 @@ impl Life {
                 // Bevy 0.20 doesn't notice another target: the camera would keep the size of the last one.
                 camera.get_mut::<Projection>().unwrap().set_changed();
             }
-            Act::Pause(frames) => self.pause(app, frames)?,
-            Act::LongPause => {
-                app.world().insert_resource(ReflectionRetention(Duration::ZERO));
-                self.pause(app, 2)?;
-                app.world().insert_resource(FOREVER);
-                self.shows = [false; 2];
+            Act::Pause(frames) => {
+                // One more for changes before it.
+                self.frame(app)?;
+                let before = report(app);
+                self.pause(app, frames)?;
+                self.frame(app)?;
+                let built = report(app).blas_builds - before.blas_builds;
+                if before.meshes > 0 && built > 0 {
+                    return Err(format!("{built} meshes are built again after a pause"));
+                }
             }
+            Act::LongPause => self.begin_anew(app)?,
             Act::Wait => (0..6).try_for_each(|_| self.frame(app))?,
             _ => self.dress(app, act),
         }
@@ -332,6 +338,42 @@ impl Life {
         }
     }
 
+    /// Frees everything.
+    fn begin_anew(&mut self, app: &mut HeadlessApp) -> Result<(), String> {
+        app.world().insert_resource(ReflectionRetention(Duration::ZERO));
+        self.pause(app, 2)?;
+        app.world().insert_resource(FOREVER);
+        self.shows = [false; 2];
+        Ok(())
+    }
+
+    /// Compares images without noise with those of new textures and a new scene.
+    fn compare(&mut self, app: &mut HeadlessApp) -> Result<(), String> {
+        let is_plain = |settings: &RayTracedReflections| {
+            settings.technique == ReflectionTechnique::Reference && settings.denoiser == ReflectionDenoiser::OFF
+        };
+        let mut pictures = Vec::new();
+        for camera in 0..2 {
+            let settings = app.world().get::<RayTracedReflections>(self.cameras[camera]);
+            if settings.is_some_and(is_plain) && self.is_active(app, camera) && self.shows[camera] {
+                pictures.push((camera, self.picture(app, camera)));
+            }
+        }
+        if pictures.is_empty() {
+            return Ok(());
+        }
+        self.begin_anew(app)?;
+        warm_up(app);
+        frame(app);
+        for (camera, before) in pictures {
+            let apart = differing_pixels(&before, &self.picture(app, camera), 2);
+            if apart > 0 {
+                return Err(format!("camera {camera}: {apart} pixels aren't those of new textures"));
+            }
+        }
+        Ok(())
+    }
+
     fn pause(&mut self, app: &mut HeadlessApp, frames: u32) -> Result<(), String> {
         let active = [0, 1].map(|camera| self.is_active(app, camera));
         [0, 1].into_iter().for_each(|camera| self.activate(app, camera, false));
@@ -348,6 +390,7 @@ impl Life {
             self.act(app, *act)
                 .map_err(|what| format!("{what}, after act {index}, {act:?}"))?;
         }
+        self.compare(app)?;
         self.act(app, Act::Glass(false))?;
         for camera in 0..2 {
             self.set_override(app, camera, None);

@@ -1,5 +1,7 @@
 //! The second tier: long tests, module by module.
 
+use std::mem;
+use std::slice;
 use std::time::{Duration, Instant, SystemTime};
 
 use super::{Options, Results, Suite, TRACER, Test};
@@ -25,30 +27,52 @@ pub fn run(
         let first = now.unwrap_or(Duration::ZERO).as_secs() as usize % groups.len();
         groups.rotate_left(first);
     }
-    for (program, cases) in groups {
-        let is_late = end.is_some_and(|end| Instant::now() > end);
-        let test = suite.programs.iter().map(Test::new).find(|test| test.name == program);
-        let Some(mut test) = test.filter(|_| !is_late) else {
-            results
-                .long
-                .extend(cases.into_iter().map(|case| (program.clone(), case)));
+    // Some at a time: most of them wait for one thread now and then.
+    for batch in groups.chunks(options.jobs.get()) {
+        if end.is_some_and(|end| Instant::now() > end) {
+            results.leave_out(batch);
             continue;
-        };
-        let variant = cases[0].variant.clone();
-        let what = variant.as_deref().unwrap_or_default();
-        let name = format!("long tests: {program} {} {what}", cases[0].module());
+        }
+        let mut names = Vec::new();
+        let mut commands = Vec::new();
+        for group in batch {
+            let (program, cases) = group;
+            let Some(mut test) = suite.programs.iter().map(Test::new).find(|test| test.name == *program) else {
+                results.leave_out(slice::from_ref(group));
+                continue;
+            };
+            names.push(describe(group));
+            match &cases[0].variant {
+                Some(tracer) => test.command.env(TRACER, tracer),
+                None => test.command.arg("--ignored"),
+            };
+            test.command.arg("--exact");
+            test.command.args(cases.iter().map(|case| &case.name));
+            commands.push(test);
+        }
+        let name = format!("long tests: {}", names.join(", "));
         progress::say(format_args!("==> {name}"));
-        match variant {
-            Some(tracer) => test.command.env(TRACER, tracer),
-            None => test.command.arg("--ignored"),
-        };
-        test.command.arg("--exact");
-        test.command.args(cases.iter().map(|case| &case.name));
-        let left_out = std::mem::take(&mut results.long);
-        results.add(suite.run_all(&name, vec![test], options.jobs, times));
+        let left_out = mem::take(&mut results.long);
+        results.add(suite.run_all(&name, commands, options.jobs, times));
         results.long = left_out;
     }
     results
+}
+
+impl Results {
+    fn leave_out(&mut self, groups: &[Group]) {
+        for (program, cases) in groups {
+            self.long
+                .extend(cases.iter().map(|case| (program.clone(), case.clone())));
+        }
+    }
+}
+
+fn describe((program, cases): &Group) -> String {
+    let variant = cases[0].variant.as_deref().unwrap_or_default();
+    format!("{program} {} {variant}", cases[0].module())
+        .trim_end()
+        .to_owned()
 }
 
 /// Joins the tests of each module.
