@@ -36,7 +36,10 @@ impl Plugin for GuidesPlugin {
         render_app.add_systems(
             Render,
             (
-                request_guides.in_set(ReflectionSystems::QueuePipelines),
+                // Passes can be requested in any order.
+                request_guides
+                    .in_set(ReflectionSystems::QueuePipelines)
+                    .ambiguous_with(ReflectionSystems::QueuePipelines),
                 prepare_guides.in_set(ReflectionSystems::PrepareBindGroups),
             ),
         );

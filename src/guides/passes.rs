@@ -2,18 +2,21 @@
 
 use super::textures::{FORMATS, ReflectionGuideTextures};
 use crate::{
-    composite::{history, or_gbuffer},
+    composite::or_gbuffer,
     gbuffer::Binding,
     pipelines::{Failure, Kind, Options, Pass, Pipelines, Variant},
     scene::Features,
     settings::ReflectionView,
     trace::{PassResources, PassView},
+    view::ViewCulling,
 };
 use bevy::{
     ecs::prelude::*,
     render::{
         diagnostic::RecordDiagnostics,
-        render_resource::{LoadOp, Operations, PipelineCache, RenderPassColorAttachment, StoreOp, TextureView},
+        render_resource::{
+            LoadOp, Operations, PipelineCache, RenderPassColorAttachment, RenderPassDescriptor, StoreOp, TextureView,
+        },
         renderer::{RenderContext, ViewQuery},
     },
 };
@@ -27,7 +30,7 @@ pub(crate) const GUIDES: &Pass = &Pass {
     bindings: || {
         vec![
             Binding::integers(|context| {
-                let accumulated = history(context).map(|history| &history.stats[context.now()]);
+                let accumulated = context.history().map(|(history, _)| &history.stats[context.now()]);
                 let reconstructed = || context.images()?.reconstructed_stats.as_ref();
                 or_gbuffer(context, accumulated.or_else(reconstructed))
             }),
@@ -60,35 +63,47 @@ pub(super) fn request_guides(
 
 /// Fills the textures of one view.
 pub(crate) fn write_guides(
-    view: ViewQuery<(PassView, &ReflectionGuideTextures)>,
+    view: ViewQuery<(PassView, &ReflectionGuideTextures, &ViewCulling)>,
     resources: PassResources,
     pipelines: Option<Res<Pipelines>>,
     mut ctx: RenderContext,
 ) {
     let entity = view.entity();
-    let (view, guides) = view.into_inner();
-    let (Some(pipelines), Some(context)) = (pipelines, resources.context(entity, &view)) else {
-        return;
-    };
+    let (view, guides, culling) = view.into_inner();
+    let context = resources.context(entity, &view).filter(|_| !culling.is_culled());
     let diagnostics = ctx.diagnostic_recorder();
     let diagnostics = diagnostics.as_deref();
     let span = diagnostics.time_span(ctx.command_encoder(), "glint_guides");
     let targets = [&guides.specular_motion, &guides.hit_distance, &guides.reactive_mask].map(attachment);
-    if let Some(mut pass) = pipelines.begin_fragments(&mut ctx, &context, &variant(), &targets) {
-        pass.set_viewport(0.0, 0.0, guides.size.x as f32, guides.size.y as f32, 0.0, 1.0);
-        pass.draw(0..3, 0..1);
+    let begun = pipelines.zip(context).is_some_and(|(pipelines, context)| {
+        let pass = pipelines.begin_fragments(&mut ctx, &context, &variant(), &targets);
+        pass.is_some_and(|mut pass| {
+            pass.set_viewport(0.0, 0.0, guides.size.x as f32, guides.size.y as f32, 0.0, 1.0);
+            pass.draw(0..3, 0..1);
+            true
+        })
+    });
+    if !begun {
+        // Nothing is traced in this frame.
+        drop(ctx.command_encoder().begin_render_pass(&RenderPassDescriptor {
+            label: Some("glint_no_guides"),
+            color_attachments: &targets,
+            depth_stencil_attachment: None,
+            timestamp_writes: None,
+            occlusion_query_set: None,
+            multiview_mask: None,
+        }));
     }
     span.end(ctx.command_encoder());
 }
 
-/// Every texel of the view is written, so nothing needs to be cleared.
 fn attachment(view: &TextureView) -> Option<RenderPassColorAttachment<'_>> {
     Some(RenderPassColorAttachment {
         view,
         depth_slice: None,
         resolve_target: None,
         ops: Operations {
-            load: LoadOp::Load,
+            load: LoadOp::Clear(Default::default()),
             store: StoreOp::Store,
         },
     })

@@ -2,10 +2,14 @@
 
 use super::passes;
 use crate::{
-    device::try_allocate, pipelines::Pipelines, settings::ReflectionView, targets::create_texture,
-    view::ReflectionTextures,
+    device::{MemoryRetry, try_allocate},
+    pipelines::Pipelines,
+    settings::ReflectionView,
+    targets::create_texture,
+    view::{ReflectionTextures, RefusedViews},
 };
 use bevy::{
+    core_pipeline::prepass::ViewPrepassTextures,
     ecs::prelude::*,
     log::warn_once,
     math::UVec2,
@@ -26,19 +30,21 @@ pub(super) const FORMATS: [TextureFormat; 3] = [
 /// [`ReflectionGuides`](crate::ReflectionGuides).
 ///
 /// [`ReflectionSystems::Passes`](crate::ReflectionSystems::Passes) fills them in each frame. Read them in `Core3d` after it. Pixel (0, 0) is
-/// the first pixel of the camera's viewport. The textures can be larger than the view, whose pixels are the first ones.
+/// the first pixel of the camera's viewport. The textures can be larger than the view, whose pixels are the first ones. They are 0 in frames
+/// in which nothing is traced, such as those of cameras that see nothing reflective.
 #[derive(Component, Clone, Debug)]
 pub struct ReflectionGuideTextures {
-    /// `Rg16Float`: by how far the reflected image moved on the screen since the last frame, as a fraction of the view, with the convention
-    /// of Bevy's [motion vectors](bevy::core_pipeline::prepass::MotionVectorPrepass). Where nothing is reflected, and on rough surfaces, it
-    /// is the motion of the surface. It includes the motion of the camera and the curvature of the reflector, not the motion of what is
-    /// reflected.
+    /// `Rg16Float`: how far the reflected image moved on the screen since the last frame, as a fraction of the view, with the convention
+    /// of Bevy's [motion vectors](bevy::core_pipeline::prepass::MotionVectorPrepass). It includes the motion of the camera and the
+    /// curvature of the reflector, not the motion of what is reflected. Where nothing is reflected, on rough surfaces, and on reflectors that
+    /// move by themselves, it is the motion of the surface.
     pub specular_motion: TextureView,
     /// `R16Float`: distance in metres from the surface to what it reflects, at most 60,000, which also stands for the sky. 0 where nothing
     /// is traced.
     pub hit_distance: TextureView,
-    /// `R8Unorm`: from 0, where the history of a pixel is valid at its motion vector, to 1, where a bright and sharp reflection changes in
-    /// another way: it moves differently from its surface, or shows something that moves.
+    /// `R8Unorm`: from 0, where the history of a pixel is valid at its motion vector, to 1, where a bright and sharp reflection doesn't
+    /// follow its surface: its image moves differently, or it shows something that moves. Objects that move before a mirror with
+    /// [rays of its own](crate::RayTracedReflections::full_resolution_mirrors) don't count.
     pub reactive_mask: TextureView,
     /// Pixels of the view.
     pub size: UVec2,
@@ -74,6 +80,7 @@ pub(super) fn prepare_guides(
             Entity,
             Option<&ReflectionView>,
             Option<&ReflectionTextures>,
+            Option<&ViewPrepassTextures>,
             Option<&mut ReflectionGuideTextures>,
         ),
         Or<(With<ReflectionView>, With<ReflectionGuideTextures>)>,
@@ -81,12 +88,18 @@ pub(super) fn prepare_guides(
     pipelines: Option<Res<Pipelines>>,
     cache: Res<PipelineCache>,
     device: Res<RenderDevice>,
+    mut refused: ResMut<RefusedViews>,
+    mut waiting: Local<Option<MemoryRetry>>,
     mut commands: Commands,
 ) {
-    for (entity, view, textures, guides) in &mut views {
+    if waiting.as_mut().is_some_and(MemoryRetry::is_due) {
+        *waiting = None;
+    }
+    for (entity, view, textures, prepass, guides) in &mut views {
         let wanted = view.filter(|view| view.guides).zip(textures).filter(|(_, textures)| {
             let compiled = |pipelines: &Pipelines| pipelines.is_compiled(&cache, &passes::variant());
-            textures.targets.pipeline.is_some() && pipelines.as_deref().is_some_and(compiled)
+            let has_motion = prepass.is_some_and(|prepass| prepass.motion_vectors_view().is_some());
+            has_motion && textures.targets.pipeline.is_some() && pipelines.as_deref().is_some_and(compiled)
         });
         let Some((_, textures)) = wanted else {
             if guides.is_some() {
@@ -97,12 +110,17 @@ pub(super) fn prepare_guides(
         let (size, capacity) = (textures.size(), textures.targets.capacity().max(textures.size()));
         match guides {
             Some(mut guides) if guides.capacity == capacity => guides.size = size,
+            _ if waiting.is_some() => {
+                commands.entity(entity).remove::<ReflectionGuideTextures>();
+            }
             _ => match try_allocate(&device, || ReflectionGuideTextures::new(&device, size, capacity)) {
                 Some(guides) => {
                     commands.entity(entity).insert(guides);
                 }
                 None => {
                     warn_once!("`ReflectionGuides` get no textures as long as the device lacks memory for them");
+                    refused.note_shortage();
+                    waiting.get_or_insert_default().begin();
                     commands.entity(entity).remove::<ReflectionGuideTextures>();
                 }
             },

@@ -82,7 +82,7 @@ pub struct SceneBindings {
     pub(super) may_split: bool,
     defs_version: u32,
     /// Vector by which the whole world was shifted in this frame ...
-    pub(super) shift: Vec3,
+    pub(crate) shift: Vec3,
     /// ... and the sum of all of them. Views compare it with that of their last frame, which can be older.
     pub(crate) origin: DVec3,
     /// Places of reflecting cameras in the last frame.

@@ -5,17 +5,24 @@ use bevy::{ecs::prelude::*, math::Vec3, reflect::prelude::*};
 /// Announces that the app shifted the whole world by a vector in this frame, as a floating origin does.
 ///
 /// Write it in the frame in which the transforms of objects, lights and cameras change, with the vector that was added to their translations.
-/// History then survives, static views stay static, and objects at rest stay in their merged trees.
+/// History then survives, and objects at rest stay in their merged trees. Static views stay static if nothing stays behind.
 ///
 /// The plugin recognises most shifts by itself: those by which nine tenths of all objects and an active camera move. The message is for the
-/// others: where more objects stay behind, where there is a single object, or where no camera reflects in this frame. Objects that don't
-/// move by this vector move on their own. A vector by which no object moved is ignored.
+/// others: where more objects stay behind, where there is a single object, or where no camera reflects in this frame. A vector by which no
+/// object moved is ignored.
 ///
 /// ```
 /// # use bevy::prelude::*;
 /// # use bevy_glint::OriginShift;
-/// fn recenter(mut placed: Query<&mut Transform, Without<ChildOf>>, mut shifts: MessageWriter<OriginShift>) {
-///     let by = Vec3::new(-4096.0, 0.0, 0.0);
+/// fn recenter(
+///     player: Single<&GlobalTransform, With<Camera3d>>,
+///     mut placed: Query<&mut Transform, Without<ChildOf>>,
+///     mut shifts: MessageWriter<OriginShift>,
+/// ) {
+///     let by = -player.translation().round();
+///     if by.length() < 4096.0 {
+///         return;
+///     }
 ///     for mut transform in &mut placed {
 ///         transform.translation += by;
 ///     }

@@ -160,7 +160,7 @@ impl Scene<'_, '_> {
         let places = places.map(|(camera, view)| (camera, view.world_from_view.translation()));
         let steps = bindings.steps_of_cameras(places);
         let shift = bindings.find_shift(&moved, instances, &steps, self.announced.take());
-        bindings.note_shift(shift);
+        bindings.note_shift(shift, moved.len());
         let moving = match shift {
             Some(by) => &bindings.shift_all(by, &moved, instances),
             None => &moved,

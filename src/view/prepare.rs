@@ -109,6 +109,7 @@ impl PreparedViewItem<'_, '_> {
             flags,
             fog: self.fog.into(),
             seconds: surroundings.time.elapsed_secs_wrapped(),
+            shift: surroundings.scene.shift,
             world_origin: surroundings.scene.origin,
             scene: surroundings.scene.version.all,
             unmarked: surroundings.scene.version.unmarked,

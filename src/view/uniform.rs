@@ -151,7 +151,9 @@ pub(crate) struct Frame {
     pub fog: Fog,
     /// Seconds since the start of the app.
     pub seconds: f32,
-    /// Vector by which the whole world has been shifted.
+    /// Vector by which the whole world was shifted in this frame ...
+    pub shift: Vec3,
+    /// ... and the sum of all of them.
     pub world_origin: DVec3,
     /// Counts changes of the scene.
     pub scene: u32,
@@ -226,7 +228,9 @@ impl PreviousFrame {
     /// Moves the camera with the world, unless it stayed where it was. Returns whether the view of the world stayed the same.
     pub fn shift(&mut self, by: Vec3, frame: &Frame) -> bool {
         let stayed = self.world_position;
-        if !moves_along(frame.world_position - stayed, by) {
+        // Where a camera would have stayed that was away in the meantime isn't known.
+        let is_of_this_frame = by.abs_diff_eq(frame.shift, 1e-3);
+        if is_of_this_frame && !moves_along(frame.world_position - stayed, by) {
             return false;
         }
         self.world_position += by;

@@ -4,6 +4,7 @@ use crate::{
     device::ReflectionTracer,
     scene::{
         bind_group::{Matrices, SceneBindings},
+        change::Change,
         instances::SceneInstances,
     },
 };
@@ -89,8 +90,11 @@ impl SceneBindings {
         })
     }
 
-    /// Keeps the shift of this frame for lights and views.
-    pub(super) fn note_shift(&mut self, shift: Option<Vec3A>) {
+    /// Keeps the shift of this frame for lights and views. Mirrors show objects that stayed behind in another place.
+    pub(super) fn note_shift(&mut self, shift: Option<Vec3A>, moved: usize) {
+        if shift.is_some() && moved < self.instances.present_count() {
+            self.version.note(Change::Unmarked);
+        }
         self.shift = shift.unwrap_or_default().into();
         self.origin += self.shift.as_dvec3();
     }
