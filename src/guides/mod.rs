@@ -18,8 +18,7 @@ use bevy::{
     ecs::schedule::IntoScheduleConfigs,
     render::{Render, RenderApp},
 };
-use passes::request_guides;
-use textures::prepare_guides;
+use passes::{prepare_guides, request_guides};
 
 /// Registers the shader and the systems of this folder.
 pub(crate) struct GuidesPlugin;

@@ -1,23 +1,26 @@
-//! The pass that fills the textures of guides.
+//! The pass that fills the textures of guides, and which views have them.
 
 use super::textures::{FORMATS, ReflectionGuideTextures};
 use crate::{
     composite::or_gbuffer,
+    device::{MemoryRetry, try_allocate},
     gbuffer::Binding,
     pipelines::{Failure, Kind, Options, Pass, Pipelines, Variant},
     scene::Features,
     settings::ReflectionView,
     trace::{PassResources, PassView},
-    view::ViewCulling,
+    view::{ReflectionTextures, RefusedViews, ViewCulling},
 };
 use bevy::{
+    core_pipeline::prepass::ViewPrepassTextures,
     ecs::prelude::*,
+    log::warn_once,
     render::{
         diagnostic::RecordDiagnostics,
         render_resource::{
             LoadOp, Operations, PipelineCache, RenderPassColorAttachment, RenderPassDescriptor, StoreOp, TextureView,
         },
-        renderer::{RenderContext, ViewQuery},
+        renderer::{RenderContext, RenderDevice, ViewQuery},
     },
 };
 
@@ -58,6 +61,61 @@ pub(super) fn request_guides(
         && views.iter().any(|view| view.guides)
     {
         pipelines.want(&cache, [variant()]);
+    }
+}
+
+/// Creates the textures of views once they can be filled, and removes them from views that don't want them any more.
+pub(super) fn prepare_guides(
+    mut views: Query<
+        (
+            Entity,
+            Option<&ReflectionView>,
+            Option<&ReflectionTextures>,
+            Option<&ViewPrepassTextures>,
+            Option<&mut ReflectionGuideTextures>,
+        ),
+        Or<(With<ReflectionView>, With<ReflectionGuideTextures>)>,
+    >,
+    pipelines: Option<Res<Pipelines>>,
+    cache: Res<PipelineCache>,
+    device: Res<RenderDevice>,
+    mut refused: ResMut<RefusedViews>,
+    mut waiting: Local<Option<MemoryRetry>>,
+    mut commands: Commands,
+) {
+    if waiting.as_mut().is_some_and(MemoryRetry::is_due) {
+        *waiting = None;
+    }
+    for (entity, view, textures, prepass, guides) in &mut views {
+        let wanted = view.filter(|view| view.guides).zip(textures).filter(|(_, textures)| {
+            let compiled = |pipelines: &Pipelines| pipelines.is_compiled(&cache, &variant());
+            let has_motion = prepass.is_some_and(|prepass| prepass.motion_vectors_view().is_some());
+            has_motion && textures.targets.pipeline.is_some() && pipelines.as_deref().is_some_and(compiled)
+        });
+        let Some((_, textures)) = wanted else {
+            if guides.is_some() {
+                commands.entity(entity).remove::<ReflectionGuideTextures>();
+            }
+            continue;
+        };
+        let (size, capacity) = (textures.size(), textures.targets.capacity().max(textures.size()));
+        match guides {
+            Some(mut guides) if guides.capacity() == capacity => guides.size = size,
+            _ if waiting.is_some() => {
+                commands.entity(entity).remove::<ReflectionGuideTextures>();
+            }
+            _ => match try_allocate(&device, || ReflectionGuideTextures::new(&device, size, capacity)) {
+                Some(guides) => {
+                    commands.entity(entity).insert(guides);
+                }
+                None => {
+                    warn_once!("`ReflectionGuides` get no textures as long as the device lacks memory for them");
+                    refused.note_shortage();
+                    waiting.get_or_insert_default().begin();
+                    commands.entity(entity).remove::<ReflectionGuideTextures>();
+                }
+            },
+        }
     }
 }
 

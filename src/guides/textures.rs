@@ -1,20 +1,11 @@
 //! The textures of a view.
 
-use super::passes;
-use crate::{
-    device::{MemoryRetry, try_allocate},
-    pipelines::Pipelines,
-    settings::ReflectionView,
-    targets::create_texture,
-    view::{ReflectionTextures, RefusedViews},
-};
+use crate::targets::create_texture;
 use bevy::{
-    core_pipeline::prepass::ViewPrepassTextures,
-    ecs::prelude::*,
-    log::warn_once,
+    ecs::component::Component,
     math::UVec2,
     render::{
-        render_resource::{PipelineCache, TextureFormat, TextureUsages, TextureView, TextureViewDescriptor},
+        render_resource::{TextureFormat, TextureUsages, TextureView, TextureViewDescriptor},
         renderer::RenderDevice,
     },
 };
@@ -53,7 +44,7 @@ pub struct ReflectionGuideTextures {
 }
 
 impl ReflectionGuideTextures {
-    fn new(device: &RenderDevice, size: UVec2, capacity: UVec2) -> Self {
+    pub(super) fn new(device: &RenderDevice, size: UVec2, capacity: UVec2) -> Self {
         let texture = |format, label| {
             let usage = TextureUsages::RENDER_ATTACHMENT | TextureUsages::COPY_SRC;
             let (texture, _) = create_texture(device, capacity, format, usage, label);
@@ -71,59 +62,9 @@ impl ReflectionGuideTextures {
             capacity,
         }
     }
-}
 
-/// Creates the textures of views once they can be filled, and removes them from views that don't want them any more.
-pub(super) fn prepare_guides(
-    mut views: Query<
-        (
-            Entity,
-            Option<&ReflectionView>,
-            Option<&ReflectionTextures>,
-            Option<&ViewPrepassTextures>,
-            Option<&mut ReflectionGuideTextures>,
-        ),
-        Or<(With<ReflectionView>, With<ReflectionGuideTextures>)>,
-    >,
-    pipelines: Option<Res<Pipelines>>,
-    cache: Res<PipelineCache>,
-    device: Res<RenderDevice>,
-    mut refused: ResMut<RefusedViews>,
-    mut waiting: Local<Option<MemoryRetry>>,
-    mut commands: Commands,
-) {
-    if waiting.as_mut().is_some_and(MemoryRetry::is_due) {
-        *waiting = None;
-    }
-    for (entity, view, textures, prepass, guides) in &mut views {
-        let wanted = view.filter(|view| view.guides).zip(textures).filter(|(_, textures)| {
-            let compiled = |pipelines: &Pipelines| pipelines.is_compiled(&cache, &passes::variant());
-            let has_motion = prepass.is_some_and(|prepass| prepass.motion_vectors_view().is_some());
-            has_motion && textures.targets.pipeline.is_some() && pipelines.as_deref().is_some_and(compiled)
-        });
-        let Some((_, textures)) = wanted else {
-            if guides.is_some() {
-                commands.entity(entity).remove::<ReflectionGuideTextures>();
-            }
-            continue;
-        };
-        let (size, capacity) = (textures.size(), textures.targets.capacity().max(textures.size()));
-        match guides {
-            Some(mut guides) if guides.capacity == capacity => guides.size = size,
-            _ if waiting.is_some() => {
-                commands.entity(entity).remove::<ReflectionGuideTextures>();
-            }
-            _ => match try_allocate(&device, || ReflectionGuideTextures::new(&device, size, capacity)) {
-                Some(guides) => {
-                    commands.entity(entity).insert(guides);
-                }
-                None => {
-                    warn_once!("`ReflectionGuides` get no textures as long as the device lacks memory for them");
-                    refused.note_shortage();
-                    waiting.get_or_insert_default().begin();
-                    commands.entity(entity).remove::<ReflectionGuideTextures>();
-                }
-            },
-        }
+    /// Pixels of the textures.
+    pub(super) fn capacity(&self) -> UVec2 {
+        self.capacity
     }
 }
