@@ -9,7 +9,7 @@ pub use crate::HardwareVrsPlugin;
 #[cfg(feature = "egui")]
 pub use crate::ReflectionSettingsPanelPlugin;
 pub use crate::{
-    NotReflected, OriginShift, RayTracedReflections, RayTracedReflectionsPlugin, ReflectedLayers, ReflectedMaterial,
+    NotReflected, RayTracedReflections, RayTracedReflectionsPlugin, ReflectedLayers, ReflectedMaterial,
     ReflectedMaterial3d, ReflectedMaterialPlugin, ReflectedMesh3d, ReflectedPose, ReflectionAutoQuality,
     ReflectionBudget, ReflectionEffort, ReflectionFallback, ReflectionPreset, ReflectionQuality,
     ReflectionQualityChosen, ReflectionStatus, ReflectionStatusReport, ReflectionsDeclined, ReflectionsReady,

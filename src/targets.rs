@@ -12,13 +12,15 @@ use bevy::{
     math::UVec2,
     render::{
         render_resource::{
-            Buffer, BufferDescriptor, BufferUsages, Extent3d, Texture, TextureDescriptor, TextureDimension,
-            TextureFormat, TextureUsages, TextureView, TextureViewDescriptor,
+            Buffer, BufferDescriptor, BufferUsages, Extent3d, LoadOp, Operations, RenderPassColorAttachment, StoreOp,
+            Texture, TextureDescriptor, TextureDimension, TextureFormat, TextureUsages, TextureView,
+            TextureViewDescriptor,
         },
         renderer::RenderDevice,
     },
 };
 use core::mem::take;
+use wgpu::Color;
 
 /// One texel per tile: `rate/codes.wesl` documents its bits.
 pub const RATE_FORMAT: TextureFormat = TextureFormat::R32Uint;
@@ -198,6 +200,19 @@ pub struct HistoryTargets {
     /// [`HISTORY_SURFACE_FORMAT`] (denoised): `pack2x16float(distance from the viewer in metres, mean Y of the last frames)`, 0 if nothing
     /// reflects; geometric normal as `pack2x16snorm` of its octahedral map with the lowest 8 bits of the word replaced by the roughness.
     pub surface: [TextureView; 2],
+}
+
+/// A target of fragments that are kept.
+pub(crate) fn attachment(view: &TextureView, load: LoadOp<Color>) -> Option<RenderPassColorAttachment<'_>> {
+    Some(RenderPassColorAttachment {
+        view,
+        depth_slice: None,
+        resolve_target: None,
+        ops: Operations {
+            load,
+            store: StoreOp::Store,
+        },
+    })
 }
 
 /// A texture with one mip level for shaders, and its bytes.

@@ -8,6 +8,7 @@ use crate::{
     pipelines::{Failure, Kind, Options, Pass, Pipelines, Variant},
     scene::Features,
     settings::ReflectionView,
+    targets::attachment,
     trace::{PassResources, PassView},
     view::{ReflectionTextures, RefusedViews, ViewCulling},
 };
@@ -17,9 +18,7 @@ use bevy::{
     log::warn_once,
     render::{
         diagnostic::RecordDiagnostics,
-        render_resource::{
-            LoadOp, Operations, PipelineCache, RenderPassColorAttachment, RenderPassDescriptor, StoreOp, TextureView,
-        },
+        render_resource::{LoadOp, PipelineCache, RenderPassDescriptor},
         renderer::{RenderContext, RenderDevice, ViewQuery},
     },
 };
@@ -132,7 +131,8 @@ pub(crate) fn write_guides(
     let diagnostics = ctx.diagnostic_recorder();
     let diagnostics = diagnostics.as_deref();
     let span = diagnostics.time_span(ctx.command_encoder(), "glint_guides");
-    let targets = [&guides.specular_motion, &guides.hit_distance, &guides.reactive_mask].map(attachment);
+    let targets = [&guides.specular_motion, &guides.hit_distance, &guides.reactive_mask]
+        .map(|view| attachment(view, LoadOp::Clear(Default::default())));
     let begun = pipelines.zip(context).is_some_and(|(pipelines, context)| {
         let pass = pipelines.begin_fragments(&mut ctx, &context, &variant(), &targets);
         pass.is_some_and(|mut pass| {
@@ -146,23 +146,8 @@ pub(crate) fn write_guides(
         drop(ctx.command_encoder().begin_render_pass(&RenderPassDescriptor {
             label: Some("glint_no_guides"),
             color_attachments: &targets,
-            depth_stencil_attachment: None,
-            timestamp_writes: None,
-            occlusion_query_set: None,
-            multiview_mask: None,
+            ..Default::default()
         }));
     }
     span.end(ctx.command_encoder());
-}
-
-fn attachment(view: &TextureView) -> Option<RenderPassColorAttachment<'_>> {
-    Some(RenderPassColorAttachment {
-        view,
-        depth_slice: None,
-        resolve_target: None,
-        ops: Operations {
-            load: LoadOp::Clear(Default::default()),
-            store: StoreOp::Store,
-        },
-    })
 }

@@ -21,8 +21,9 @@ pub(super) const FORMATS: [TextureFormat; 3] = [
 /// [`ReflectionGuides`](crate::ReflectionGuides).
 ///
 /// [`ReflectionSystems::Passes`](crate::ReflectionSystems::Passes) fills them in each frame. Read them in `Core3d` after it. Pixel (0, 0) is
-/// the first pixel of the camera's viewport. The textures can be larger than the view, whose pixels are the first ones. They are 0 in frames
-/// in which nothing is traced, such as those of cameras that see nothing reflective.
+/// the first pixel of the camera's viewport. The textures can be larger than the view, which occupies their first [`size`](Self::size)
+/// texels. They are 0 in frames in which nothing is traced, such as those of cameras that see nothing reflective.
+/// [`ReflectionViewMemory`](crate::ReflectionViewMemory) doesn't count them.
 #[derive(Component, Clone, Debug)]
 pub struct ReflectionGuideTextures {
     /// `Rg16Float`: how far the reflected image moved on the screen since the last frame, as a fraction of the view, with the convention
@@ -30,8 +31,8 @@ pub struct ReflectionGuideTextures {
     /// curvature of the reflector, not the motion of what is reflected. Where nothing is reflected, on rough surfaces, and on reflectors that
     /// move by themselves, it is the motion of the surface.
     pub specular_motion: TextureView,
-    /// `R16Float`: distance in metres from the surface to what it reflects, at most 60,000, which also stands for the sky. 0 where nothing
-    /// is traced.
+    /// `R16Float`: distance in metres from the surface to what it reflects: at most 60,000, which also means the sky, and 0 where nothing is
+    /// traced.
     pub hit_distance: TextureView,
     /// `R8Unorm`: from 0, where the history of a pixel is valid at its motion vector, to 1, where a bright and sharp reflection doesn't
     /// follow its surface: its image moves differently, or it shows something that moves. Objects that move before a mirror with

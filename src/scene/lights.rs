@@ -14,6 +14,7 @@ use super::{
     change::{Change, RESTLESS_FRAMES},
     gpu_types::*,
     light_textures::LightTexture,
+    origin::is_step,
 };
 
 /// Maximum number of lights that hits evaluate one by one. If there are more, they evaluate only the directional ones, up to the same
@@ -48,12 +49,14 @@ impl Touched {
     }
 }
 
-/// A light of which only the place changed.
+/// A light that moved, and didn't change otherwise.
 struct MovedLight {
+    /// Its index.
     place: u32,
-    /// Before the change.
+    /// Its position and the frames for which it stayed marked, before it moved.
     position: Vec3,
     restless: u32,
+    /// The kind of change, unless the whole world moved.
     change: Change,
 }
 
@@ -96,19 +99,23 @@ impl ExtractedLights {
     /// Lights that changed since the last call, and the kind of change. Lights that moved with the whole world by `shift` are uploaded, but
     /// count as unchanged.
     pub(super) fn take_changes(&mut self, shift: Vec3) -> (Touched, Change) {
+        let mut unmarked = false;
         for light in self.moved.drain(..) {
             let now = &mut self.lights[light.place as usize];
-            let most = 4.0 * f32::EPSILON * (light.position.abs() + Vec3::from(now.position).abs() + shift.abs());
-            let rest = Vec3::from(now.position) - light.position - shift;
-            if shift == Vec3::ZERO || !rest.abs().cmple(most).all() {
+            if shift == Vec3::ZERO || !is_step(light.position, now.position.into(), shift) {
                 self.change = self.change.max(light.change);
                 continue;
             }
             self.restless[light.place as usize] = light.restless;
             if light.restless == 0 {
                 now.flags &= !LIGHT_RESTLESS;
-                self.marked.retain(|place| *place != light.place);
+                unmarked = true;
             }
+        }
+        if unmarked {
+            let lights = &self.lights;
+            self.marked
+                .retain(|place| lights[*place as usize].flags & LIGHT_RESTLESS != 0);
         }
         (core::mem::take(&mut self.touched), core::mem::take(&mut self.change))
     }

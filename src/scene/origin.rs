@@ -33,6 +33,16 @@ use bevy::{ecs::prelude::*, math::Vec3, reflect::prelude::*};
 #[reflect(Clone, Debug, Default, PartialEq)]
 pub struct OriginShift(pub Vec3);
 
+/// Rounding errors of two sums, relative to the coordinates. With a lower value, rounding makes objects stay behind; with a higher one, slow
+/// movement of far objects counts as part of the shift.
+const TOLERANCE: f32 = 4.0 * f32::EPSILON;
+
+/// Returns whether a point moved by this vector, apart from rounding.
+pub(super) fn is_step(before: Vec3, now: Vec3, by: Vec3) -> bool {
+    let most = TOLERANCE * (before.abs() + now.abs() + by.abs());
+    (now - before - by).abs().cmple(most).all()
+}
+
 /// Sum of the announced shifts that the scene doesn't know yet.
 #[derive(Resource, Default)]
 pub(super) struct AnnouncedShift(Vec3);

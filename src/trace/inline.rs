@@ -5,12 +5,9 @@ use crate::{
     gbuffer::{Binding, PassContext},
     pipelines::{Kind, Pass, Pipelines, Variant},
     scene::Passes,
-    targets::{RAY_RADIANCE_FORMAT, RAY_SAMPLE_FORMAT},
+    targets::{RAY_RADIANCE_FORMAT, RAY_SAMPLE_FORMAT, attachment},
 };
-use bevy::render::{
-    render_resource::{LoadOp, Operations, RenderPassColorAttachment, StoreOp, TextureView},
-    renderer::RenderContext,
-};
+use bevy::render::{render_resource::LoadOp, renderer::RenderContext};
 
 /// The fragment pass. The raw Vulkan pass runs the same shader.
 pub(crate) const INLINE: &Pass = &Pass {
@@ -35,21 +32,9 @@ fn bindings() -> Vec<Binding> {
 /// Traces a ray for each fragment.
 pub(super) fn trace_inline(ctx: &mut RenderContext, pipelines: &Pipelines, variant: &Variant, context: &PassContext) {
     let Some(images) = context.images() else { return };
-    let targets = [&images.ray_radiance, &images.ray_sample].map(attachment);
+    // Every texel is written, so nothing needs to be cleared.
+    let targets = [&images.ray_radiance, &images.ray_sample].map(|view| attachment(view, LoadOp::Load));
     if let Some(mut pass) = pipelines.begin_fragments(ctx, context, variant, &targets) {
         pass.draw(0..3, 0..1);
     }
-}
-
-/// Every texel is written, so nothing needs to be cleared.
-fn attachment(view: &TextureView) -> Option<RenderPassColorAttachment<'_>> {
-    Some(RenderPassColorAttachment {
-        view,
-        depth_slice: None,
-        resolve_target: None,
-        ops: Operations {
-            load: LoadOp::Load,
-            store: StoreOp::Store,
-        },
-    })
 }

@@ -10,7 +10,7 @@ use crate::{
 };
 use bevy::{
     ecs::component::Component,
-    math::{DVec3, UVec2, Vec3},
+    math::{DVec3, UVec2},
     render::{render_resource::UniformBuffer, renderer::RenderDevice},
 };
 
@@ -85,8 +85,11 @@ impl ReflectionTextures {
     }
 
     /// Moves the last frame with the world, so that history and static views survive a shift of the origin.
-    fn shift(&mut self, by: Vec3, frame: &Frame) {
-        let is_same = self.previous.as_mut().is_some_and(|previous| previous.shift(by, frame));
+    fn shift(&mut self, before: DVec3, frame: &Frame) {
+        let is_same = self
+            .previous
+            .as_mut()
+            .is_some_and(|previous| previous.shift(before, frame));
         match self.static_view.last_mut() {
             Some(last) if is_same => last.shift(frame),
             _ => self.static_view = StaticView::default(),
@@ -101,10 +104,9 @@ impl ReflectionTextures {
             Some(met) => self.met[0] = met,
             None => self.met[1] = self.met[1].wrapping_add(u32::from(scene_changed)),
         }
-        // Views that weren't drawn for some frames catch up.
-        let shift = frame.world_origin - core::mem::replace(&mut self.world_origin, frame.world_origin);
-        if shift != DVec3::ZERO {
-            self.shift(shift.as_vec3(), frame);
+        let before = core::mem::replace(&mut self.world_origin, frame.world_origin);
+        if before != frame.world_origin {
+            self.shift(before, frame);
         }
         let fingerprint = if converged {
             Some(ViewFingerprint::of_truth(view, frame))

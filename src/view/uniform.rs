@@ -225,11 +225,11 @@ pub(super) struct PreviousFrame {
 const SHIFT_TOLERANCE: f32 = 1e-6;
 
 impl PreviousFrame {
-    /// Moves the camera with the world, unless it stayed where it was. Returns whether the view of the world stayed the same.
-    pub fn shift(&mut self, by: Vec3, frame: &Frame) -> bool {
-        let stayed = self.world_position;
-        // Where a camera would have stayed that was away in the meantime isn't known.
-        let is_of_this_frame = by.abs_diff_eq(frame.shift, 1e-3);
+    /// Moves the camera with the world, unless it stayed where it was. `before` is [`Frame::world_origin`] of the last frame, which can be
+    /// older for a view that wasn't drawn: such a view moves by all shifts since then. Returns whether the view of the world stayed the same.
+    pub fn shift(&mut self, before: DVec3, frame: &Frame) -> bool {
+        let (by, stayed) = ((frame.world_origin - before).as_vec3(), self.world_position);
+        let is_of_this_frame = before + frame.shift.as_dvec3() == frame.world_origin;
         if is_of_this_frame && !moves_along(frame.world_position - stayed, by) {
             return false;
         }

@@ -4,10 +4,10 @@ use super::{
     draw::VrsDraw,
     rate_image::{RateImage, RateRows},
 };
+use crate::targets::attachment;
 use bevy::render::{
     render_resource::{
-        BindGroupEntries, BindGroupLayout, ComputePassDescriptor, ComputePipeline, LoadOp, Operations,
-        RenderPassColorAttachment, RenderPassDescriptor, StoreOp,
+        BindGroupEntries, BindGroupLayout, ComputePassDescriptor, ComputePipeline, LoadOp, RenderPassDescriptor,
     },
     renderer::RenderContext,
 };
@@ -26,20 +26,10 @@ impl StateSetter<'_> {
         let targets = [pass.ray_radiance, pass.ray_sample];
         if new_targets {
             // wgpu doesn't see the pass write them. It would clear them on their first use after the pass.
-            let attachment = |view| {
-                Some(RenderPassColorAttachment {
-                    view,
-                    depth_slice: None,
-                    resolve_target: None,
-                    ops: Operations {
-                        load: LoadOp::Clear(Default::default()),
-                        store: StoreOp::Store,
-                    },
-                })
-            };
+            let attachments = targets.map(|view| attachment(view, LoadOp::Clear(Default::default())));
             drop(ctx.command_encoder().begin_render_pass(&RenderPassDescriptor {
                 label: Some("glint_vrs_clear"),
-                color_attachments: &[attachment(targets[0]), attachment(targets[1])],
+                color_attachments: &attachments,
                 ..Default::default()
             }));
         }

@@ -116,6 +116,12 @@ impl RoughMirror {
         }
     }
 
+    /// Loses the history.
+    fn reset(&mut self) {
+        let world = self.app.world();
+        world.get_mut::<RayTracedReflections>(self.camera).unwrap().reset = true;
+    }
+
     fn activate(&mut self, is_active: bool) {
         self.app.world().get_mut::<Camera>(self.camera).unwrap().is_active = is_active;
     }
@@ -135,12 +141,7 @@ fn announced_shifts_are_believed() {
     };
     mirror.app.world().insert_resource(ReflectionRetention(Duration::MAX));
     let before = capture(&mut mirror.app, "before");
-    mirror
-        .app
-        .world()
-        .get_mut::<RayTracedReflections>(mirror.camera)
-        .unwrap()
-        .reset = true;
+    mirror.reset();
     let fresh = mirror.error(&before);
     mirror.app.step(40);
     mirror.shift(SHIFT, true);
@@ -170,12 +171,7 @@ fn lamps_move_with_the_world() {
     let before = capture(&mut mirror.app, "before");
     mirror.shift(SHIFT, true);
     let shifted = mirror.error(&before);
-    mirror
-        .app
-        .world()
-        .get_mut::<RayTracedReflections>(mirror.camera)
-        .unwrap()
-        .reset = true;
+    mirror.reset();
     let anew = mirror.error(&before);
     println!("errors: {shifted}, {anew} of a new estimate");
     assert!(shifted < 0.2 * anew);

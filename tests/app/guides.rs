@@ -3,17 +3,13 @@
 use crate::{
     common::app,
     pictures::warm_up,
-    stage::{BEFORE_THE_MIRROR, RED, SIZE, metal, spawn_camera, spawn_mesh, unlit, wall},
+    stage::{BEFORE_THE_MIRROR, RED, SIZE, frame, metal, report, spawn_camera, spawn_mesh, unlit, wall},
 };
 use bevy::{
     prelude::*,
     render::{
         RenderApp,
-        render_resource::{
-            BufferDescriptor, BufferUsages, CommandEncoderDescriptor, MapMode, PollType, TexelCopyBufferInfo,
-            TexelCopyBufferLayout, TextureView,
-        },
-        renderer::{RenderDevice, RenderQueue},
+        render_resource::{PipelineCache, PipelineDescriptor, Texture, TextureView},
         sync_world::RenderEntity,
     },
 };
@@ -21,7 +17,7 @@ use bevy_glint::{
     RayTracedReflections, ReflectionDenoiser, ReflectionGuideTextures, ReflectionGuides, ReflectionTechnique,
     ReflectionTracerChoice,
 };
-use glint_scenes::{HeadlessApp, Output, SceneName};
+use glint_scenes::{HeadlessApp, Output, SceneName, decode_halves, read_texture};
 
 /// Metres from the camera to the mirror, and from the mirror to the surface behind the camera.
 const TO_MIRROR: f32 = BEFORE_THE_MIRROR.translation.z;
@@ -29,7 +25,7 @@ const BEHIND: f32 = 7.0;
 /// Metres by which the camera moves to the right in each frame.
 const STEP: f32 = 0.02;
 
-/// A mirror that moves sideways before a camera, and what it reflects.
+/// A camera that moves sideways before a mirror, and what the mirror reflects.
 struct Stage {
     app: HeadlessApp,
     camera: Entity,
@@ -42,16 +38,30 @@ impl Stage {
         spawn_mesh(&mut app, wall(), metal(roughness), Transform::IDENTITY);
         let facing_the_mirror = Transform::from_xyz(0.0, 0.0, BEHIND).looking_to(Vec3::Z, Vec3::Y);
         spawn_mesh(&mut app, Rectangle::new(60.0, 60.0), unlit(RED), facing_the_mirror);
-        app.world().entity_mut(camera).insert((
-            ReflectionGuides,
-            RayTracedReflections {
-                technique: ReflectionTechnique::Variable,
-                roughness_cutoff: 1.0,
-                ..default()
-            },
-        ));
+        app.world().entity_mut(camera).insert(RayTracedReflections {
+            technique: ReflectionTechnique::Variable,
+            roughness_cutoff: 1.0,
+            ..default()
+        });
         warm_up(&mut app);
         Some(Self { app, camera })
+    }
+
+    fn with_guides(roughness: f32) -> Option<Self> {
+        let mut stage = Self::new(roughness)?;
+        stage.app.world().entity_mut(stage.camera).insert(ReflectionGuides);
+        warm_up(&mut stage.app);
+        Some(stage)
+    }
+
+    /// Compiled pipelines, and those that are being compiled, of the pass that fills the textures.
+    fn pipelines(&self) -> usize {
+        let cache = self.app.render_world().unwrap().resource::<PipelineCache>();
+        let is_ours = |descriptor: &PipelineDescriptor| matches!(descriptor, PipelineDescriptor::RenderPipelineDescriptor(pass) if pass.label.as_deref() == Some("glint_guides"));
+        cache
+            .pipelines()
+            .filter(|pipeline| is_ours(&pipeline.descriptor))
+            .count()
     }
 
     /// Draws some frames while the camera moves to the right.
@@ -75,62 +85,24 @@ impl Stage {
 
     /// The bytes of the texel in the middle of the view.
     fn middle(&self, view: &TextureView) -> Vec<u8> {
-        let world = self.app.render_world().unwrap();
-        let (device, queue) = (world.resource::<RenderDevice>(), world.resource::<RenderQueue>());
-        let texture = view.texture();
-        let texel = texture.format().block_copy_size(None).unwrap();
-        let row = RenderDevice::align_copy_bytes_per_row((texture.width() * texel) as usize);
-        let buffer = device.create_buffer(&BufferDescriptor {
-            label: None,
-            size: row as u64 * u64::from(texture.height()),
-            usage: BufferUsages::COPY_DST | BufferUsages::MAP_READ,
-            mapped_at_creation: false,
-        });
-        let mut encoder = device.create_command_encoder(&CommandEncoderDescriptor::default());
-        let layout = TexelCopyBufferLayout {
-            offset: 0,
-            bytes_per_row: Some(row as u32),
-            rows_per_image: None,
-        };
-        let target = TexelCopyBufferInfo {
-            buffer: &buffer,
-            layout,
-        };
-        encoder.copy_texture_to_buffer(texture.as_image_copy(), target, texture.size());
-        queue.submit([encoder.finish()]);
-        let slice = buffer.slice(..);
-        slice.map_async(MapMode::Read, |_| {});
-        let wait = PollType::Wait {
-            submission_index: None,
-            timeout: None,
-        };
-        device.poll(wait).unwrap();
-        let bytes = slice.get_mapped_range().unwrap();
-        let first = row * SIZE.y as usize / 2 + (SIZE.x / 2 * texel) as usize;
-        bytes[first..first + texel as usize].to_vec()
+        let texture = &Texture::from(view.texture().clone());
+        let bytes = read_texture(self.app.render_world().unwrap(), texture).unwrap();
+        let texel = texture.format().block_copy_size(None).unwrap() as usize;
+        let first = (SIZE.y / 2 * texture.width() + SIZE.x / 2) as usize * texel;
+        bytes[first..first + texel].to_vec()
     }
 
     /// Horizontal specular motion, hit distance and reactive mask in the middle of the view.
     fn seen(&mut self) -> [f32; 3] {
         let guides = self.guides().expect("the camera has guides");
         assert_eq!(guides.size, SIZE);
-        let half = |bytes: &[u8]| half_float(u16::from_le_bytes([bytes[0], bytes[1]]));
+        let half = |bytes: &[u8]| decode_halves(&[bytes[0], bytes[1], 0, 0, 0, 0, 0, 0])[0][0];
         [
             half(&self.middle(&guides.specular_motion)),
             half(&self.middle(&guides.hit_distance)),
             f32::from(self.middle(&guides.reactive_mask)[0]) / 255.0,
         ]
     }
-}
-
-/// A normal half float, or zero.
-fn half_float(bits: u16) -> f32 {
-    let sign = if bits & 0x8000 == 0 { 1.0 } else { -1.0 };
-    let (exponent, mantissa) = (i32::from(bits >> 10 & 31), f32::from(bits & 1023));
-    if exponent == 0 {
-        return sign * mantissa * 2_f32.powi(-24);
-    }
-    sign * (1.0 + mantissa / 1024.0) * 2_f32.powi(exponent - 15)
 }
 
 /// Motion in fractions of the view of a point before the camera, which moves by [`STEP`].
@@ -151,7 +123,9 @@ fn assert_near(what: &str, actual: f32, expected: f32, tolerance: f32) {
 
 #[test]
 fn a_mirror_describes_its_image() {
-    let Some(mut stage) = Stage::new(0.0) else { return };
+    let Some(mut stage) = Stage::with_guides(0.0) else {
+        return;
+    };
     for half_resolution in [false, true] {
         let mut settings = stage.app.world().get_mut::<RayTracedReflections>(stage.camera).unwrap();
         settings.denoiser = ReflectionDenoiser {
@@ -175,7 +149,9 @@ fn a_mirror_describes_its_image() {
 
 #[test]
 fn a_rough_wall_moves_as_its_surface() {
-    let Some(mut stage) = Stage::new(0.7) else { return };
+    let Some(mut stage) = Stage::with_guides(0.7) else {
+        return;
+    };
     stage.walk(6);
     let [motion, distance, mask] = stage.seen();
     assert_near("motion", motion, motion_at(TO_MIRROR), 0.02);
@@ -186,7 +162,12 @@ fn a_rough_wall_moves_as_its_surface() {
 #[test]
 fn cameras_without_the_component_have_no_guides() {
     let Some(mut stage) = Stage::new(0.0) else { return };
+    assert!(stage.guides().is_none());
+    assert_eq!(stage.pipelines(), 0, "nothing is compiled for others");
+    stage.app.world().entity_mut(stage.camera).insert(ReflectionGuides);
+    warm_up(&mut stage.app);
     assert!(stage.guides().is_some());
+    assert_eq!(stage.pipelines(), 1);
     stage.app.world().entity_mut(stage.camera).remove::<ReflectionGuides>();
     stage.app.step(3);
     assert!(stage.guides().is_none(), "removed");
@@ -200,4 +181,21 @@ fn cameras_without_the_component_have_no_guides() {
         .remove::<RayTracedReflections>();
     stage.app.step(3);
     assert!(stage.guides().is_none(), "without reflections");
+}
+
+/// A camera that sees nothing reflective traces nothing.
+#[test]
+fn guides_of_a_view_without_reflections_are_cleared() {
+    let Some(mut stage) = Stage::with_guides(0.0) else {
+        return;
+    };
+    stage.walk(2);
+    assert!(stage.seen()[1] > 0.0);
+    let away = BEFORE_THE_MIRROR.looking_to(Vec3::Z, Vec3::Y);
+    *stage.app.world().get_mut::<Transform>(stage.camera).unwrap() = away;
+    (0..40).for_each(|_| frame(&mut stage.app));
+    assert_eq!(report(&mut stage.app).culled_views, 1);
+    // The surface that it sees moves.
+    stage.walk(2);
+    assert_eq!(stage.seen(), [0.0; 3]);
 }

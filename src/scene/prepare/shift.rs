@@ -6,6 +6,7 @@ use crate::{
         bind_group::{Matrices, SceneBindings},
         change::Change,
         instances::SceneInstances,
+        origin::is_step,
     },
 };
 use bevy::{
@@ -18,10 +19,6 @@ use bevy::{
 const OTHERS: usize = 10;
 /// Number of objects that suggest a vector. A higher number finds it among more objects that move on their own, and costs more.
 const SAMPLES: usize = 5;
-/// Rounding errors of two sums, relative to the coordinates. With a lower value, rounding makes objects stay behind; with a higher one, slow
-/// movement of far objects counts as part of the shift.
-const TOLERANCE: f32 = 4.0 * f32::EPSILON;
-
 /// Returns whether a camera that moves by `step` moves with the world: it can also walk in the same frame.
 pub(crate) fn moves_along(step: Vec3, world: Vec3) -> bool {
     step.distance_squared(world) < step.length_squared()
@@ -43,8 +40,7 @@ fn translation(rows: &[[f32; 4]; 3]) -> Vec3A {
 
 /// Returns whether an object moved by this vector, apart from rounding.
 fn is_shifted(before: &[[f32; 4]; 3], now: &Affine3A, by: Vec3A) -> bool {
-    let most = TOLERANCE * (translation(before).abs() + now.translation.abs() + by.abs());
-    step(before, now).is_some_and(|step| (step - by).abs().cmple(most).all())
+    step(before, now).is_some() && is_step(translation(before).into(), now.translation.into(), by.into())
 }
 
 impl SceneBindings {
