@@ -90,7 +90,16 @@ fn load_passes(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use bevy::platform::collections::HashSet;
+    use crate::{
+        device::{SAMPLED_TEXTURES_ELSEWHERE, SAMPLED_TEXTURES_IN_BROWSERS},
+        gbuffer::Group0,
+        pipelines::{Groups, Kind},
+        scene::{Passes, environment},
+    };
+    use bevy::{
+        platform::collections::HashSet,
+        render::render_resource::{BindGroupLayoutDescriptor, BindingType},
+    };
     use std::{fs, path::Path};
 
     #[test]
@@ -103,6 +112,37 @@ mod tests {
             let entry_point = format!("\nfn {}(", pass.entry_point);
             assert!(code.contains(&entry_point), "{pass:?}: no {}", pass.entry_point);
         }
+    }
+
+    /// Sampled textures of a pass in all of its bind groups. The scene's group has one, besides arrays that have a limit of their own.
+    fn sampled_textures(pass: &Pass, environment: &BindGroupLayoutDescriptor) -> u32 {
+        let count = |layout: &BindGroupLayoutDescriptor| {
+            let textures = layout.entries.iter();
+            textures
+                .filter(|entry| matches!(entry.ty, BindingType::Texture { .. }))
+                .count() as u32
+        };
+        let has_gbuffer = pass.kind != Kind::Addition;
+        let group_0 = Group0::new(pass.label, pass.kind.stages(), has_gbuffer, (pass.bindings)());
+        let has_screen = pass.sees.intersects(Passes::FIRST_RAYS);
+        let others = match pass.groups {
+            Groups::None => 0,
+            Groups::Environment => count(environment),
+            Groups::Scene => count(environment) + 1,
+        };
+        count(group_0.layout(has_screen)) + others
+    }
+
+    #[test]
+    fn passes_read_no_more_textures_than_devices_must_have() {
+        let counts = |environment: BindGroupLayoutDescriptor| {
+            let counts = PASSES.map(|pass| (sampled_textures(pass, &environment), pass.label));
+            counts.into_iter().max().unwrap()
+        };
+        let (browsers, label) = counts(environment::layout_in_browsers());
+        assert!(browsers <= SAMPLED_TEXTURES_IN_BROWSERS, "{browsers} in {label}");
+        let (elsewhere, label) = counts(environment::layout_descriptor());
+        assert_eq!(elsewhere, SAMPLED_TEXTURES_ELSEWHERE, "{label}");
     }
 
     #[test]

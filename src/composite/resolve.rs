@@ -161,7 +161,7 @@ pub(super) fn run(
     true
 }
 
-/// Bindings 5 to 10 of the passes that display reflections: the bindings of `denoise/blur.wesl` and `upsample.wesl`, with `second` as
+/// Bindings 5 to 9 of the passes that display reflections: the bindings of `denoise/blur.wesl` and `upsample.wesl`, with `second` as
 /// binding 6.
 pub(crate) fn shown_bindings(second: FindTexture) -> Vec<Binding> {
     vec![
@@ -169,9 +169,6 @@ pub(crate) fn shown_bindings(second: FindTexture) -> Vec<Binding> {
         Binding::floats(second),
         Binding::integers(|context| or_gbuffer(context, context.images().map(|images| &images.rate[context.now()]))),
         Binding::integers(|context| or_gbuffer(context, history(context).map(|history| &history.stats[context.now()]))),
-        Binding::integers(|context| {
-            or_gbuffer(context, history(context).map(|history| &history.surface[context.now()]))
-        }),
         Binding::floats(|context| {
             let mirrors = context.images().and_then(|images| images.mirrors.as_ref());
             mirrors

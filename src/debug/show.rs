@@ -103,6 +103,9 @@ fn intermediate_bindings() -> Vec<Binding> {
                 history(context).map(|history| &history.radiance[context.now()]),
             )
         }),
+        Binding::integers(|context| {
+            or_gbuffer(context, history(context).map(|history| &history.surface[context.now()]))
+        }),
     ]);
     bindings
 }

@@ -20,6 +20,8 @@ pub(crate) use memory::{MemoryRetry, try_allocate};
 #[cfg(test)]
 pub(crate) use memory::{REFUSED_FRAMES, REFUSES};
 pub(crate) use real_time::{RealTime, tick_real_time};
+#[cfg(test)]
+pub(crate) use support::{SAMPLED_TEXTURES_ELSEWHERE, SAMPLED_TEXTURES_IN_BROWSERS};
 pub(crate) use support::{adapter_name, unsupported};
 pub(crate) use texture_mode::{MAX_SAMPLERS, texture_mode};
 pub(crate) use tracer::{ChosenTracer, FragmentRays, choose_tracer};

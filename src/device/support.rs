@@ -11,8 +11,15 @@ pub(crate) fn adapter_name(info: &RenderAdapterInfo) -> String {
     )
 }
 
-/// Number of sampled textures in the pass with the most of them, a debug view. Browsers guarantee only 16, and have fewer features.
-const SAMPLED_TEXTURES: u32 = if cfg!(target_arch = "wasm32") { 16 } else { 20 };
+/// Maximum number of sampled textures in a pass.
+const SAMPLED_TEXTURES: u32 = if cfg!(target_arch = "wasm32") {
+    SAMPLED_TEXTURES_IN_BROWSERS
+} else {
+    SAMPLED_TEXTURES_ELSEWHERE
+};
+/// Browsers guarantee no more, and have fewer features.
+pub(crate) const SAMPLED_TEXTURES_IN_BROWSERS: u32 = 16;
+pub(crate) const SAMPLED_TEXTURES_ELSEWHERE: u32 = 20;
 
 /// The reason why nothing can be traced on this device by this tracer, or `None`.
 pub(crate) fn unsupported(backend: Backends, limits: &WgpuLimits, tracer: ReflectionTracer) -> Option<String> {

@@ -26,6 +26,8 @@ use bevy::{
 };
 use bytemuck::{Pod, Zeroable};
 
+#[cfg(test)]
+pub use bindings::layout_in_browsers;
 pub use bindings::{EnvironmentBindings, layout_descriptor, prepare_environments};
 
 /// Whether there are bindings for fog density textures and for the medium of an atmosphere. Browsers allow 16 textures in a pass, which

@@ -26,7 +26,8 @@ use bevy::{
 };
 
 /// Number of bindings in the group. The last ones are the density of fog, its sampler, and the tables of the atmosphere's medium.
-const BINDINGS: usize = if MANY_TEXTURES { 14 } else { 9 };
+const BINDINGS: usize = if MANY_TEXTURES { 14 } else { BINDINGS_IN_BROWSERS };
+const BINDINGS_IN_BROWSERS: usize = 9;
 
 struct ViewBindings {
     buffer: Buffer,
@@ -123,6 +124,16 @@ impl FromWorld for EnvironmentBindings {
 
 /// The layout of group 2, for compute and fragment passes alike.
 pub fn layout_descriptor() -> BindGroupLayoutDescriptor {
+    layout_of(BINDINGS)
+}
+
+/// As above, in browsers.
+#[cfg(test)]
+pub fn layout_in_browsers() -> BindGroupLayoutDescriptor {
+    layout_of(BINDINGS_IN_BROWSERS)
+}
+
+fn layout_of(bindings: usize) -> BindGroupLayoutDescriptor {
     let cube = || texture_cube(TextureSampleType::Float { filterable: true });
     let table = || texture_2d(TextureSampleType::Float { filterable: true });
     let entries = BindGroupLayoutEntries::sequential(
@@ -144,7 +155,7 @@ pub fn layout_descriptor() -> BindGroupLayoutDescriptor {
             table(),
         ),
     );
-    BindGroupLayoutDescriptor::new("glint_environment", &entries[..BINDINGS])
+    BindGroupLayoutDescriptor::new("glint_environment", &entries[..bindings])
 }
 
 impl EnvironmentBindings {

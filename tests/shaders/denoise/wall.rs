@@ -17,7 +17,7 @@ pub const RATE_ACTIVE: u32 = 0x100;
 /// Writes the radiance that the composite shows in each pixel, before albedo.
 const SHOWN: &str = "
 import package::denoise::blur::shown_radiance;
-import package::gbuffer::{load_pixel, reflection_view};
+import package::gbuffer::{load_pixel, load_texels, reflection_view};
 
 @group(0) @binding(10) var shown_out: texture_storage_2d<rgba16float, write>;
 
@@ -26,7 +26,7 @@ fn shown(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_id) 
     let columns = (reflection_view.size.x + 7u) / 8u;
     let id = vec2(group.x % columns, group.x / columns) * 8u + local.xy;
     if all(id < reflection_view.size) {
-        textureStore(shown_out, id, vec4(shown_radiance(id, load_pixel(id)), 0.0));
+        textureStore(shown_out, id, vec4(shown_radiance(id, load_pixel(id), load_texels(id).normal), 0.0));
     }
 }
 ";
@@ -439,8 +439,6 @@ impl Wall {
         pass.texture(5, TextureFormat::Rgba16Float, size, texels);
         pass.texture(7, TextureFormat::R32Uint, tiles, bytemuck::cast_slice(&self.rates()));
         pass.texture(8, TextureFormat::R32Uint, size, bytemuck::cast_slice(&history.pair));
-        let surfaces = bytemuck::cast_slice(&history.surface);
-        pass.texture(9, TextureFormat::Rg32Uint, size, surfaces);
         pass.output(10, TextureFormat::Rgba16Float, 2);
         let written = pass.run();
         let texels = written[0].chunks(2).map(|words| halves4([words[0], words[1]]));
