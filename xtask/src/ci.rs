@@ -45,9 +45,19 @@ pub fn run() -> Result<()> {
         let reason = format!("`rustup target add {}` brings what it needs", web::TARGET);
         checks.skip("library for browsers", &reason);
     }
-    let results = tests(&mut checks, start);
+    let options = test::Options::default();
+    let tests = test::Suite::build(&mut checks.times).map(|suite| {
+        let results = suite.first_tier(&options, &mut checks.times);
+        (suite, results)
+    });
     foreign_compilers(&mut checks);
     page(&mut checks, start.elapsed());
+    // Last, since only they can be cut short without losing the same checks in each run.
+    let results = tests.map(|(suite, mut results)| {
+        let end = Some(start + LONG_LIMIT);
+        results.add(test::run_long(&suite, &options, &results.long, end, &mut checks.times));
+        results
+    });
     if checks.skipped > 0 {
         progress::result(format_args!("skipped steps: {}", checks.skipped));
     }
@@ -59,18 +69,6 @@ pub fn run() -> Result<()> {
         bail!("these checks failed: {}", checks.failed.join(", "));
     }
     Ok(())
-}
-
-/// Runs the first tier of the tests, and as much of the second as fits into the time.
-fn tests(checks: &mut Checks, start: Instant) -> Result<test::Results> {
-    let options = test::Options::default();
-    let suite = test::Suite::build(&mut checks.times)?;
-    let mut results = suite.first_tier(&options, &mut checks.times);
-    let long = std::mem::take(&mut results.long);
-    let second = test::run_long(&suite, &options, &long, Some(start + LONG_LIMIT), &mut checks.times);
-    results.long = long;
-    results.add(second);
-    Ok(results)
 }
 
 /// The checks so far.

@@ -149,11 +149,11 @@ impl Suite {
         for test in &mut tests {
             test.command.args(&options.arguments);
         }
-        self.run_all("tests", tests, options.jobs, times)
+        self.run_all("tests", tests, Limits::of(options), times).0
     }
 
-    /// Runs some tests, and adds the time of each program.
-    fn run_all(&self, name: &str, mut tests: Vec<Test>, jobs: NonZeroUsize, times: &mut Times) -> Results {
+    /// Runs some tests, and adds the time of each program. Also returns how many of the last ones didn't begin in time.
+    fn run_all(&self, name: &str, mut tests: Vec<Test>, limits: Limits, times: &mut Times) -> (Results, usize) {
         for test in &mut tests {
             test.command
                 .env(TRANSLATOR, &self.translator)
@@ -161,12 +161,30 @@ impl Suite {
                 .envs(self.defaults.iter().copied());
         }
         let start = Instant::now();
-        let outcomes = run_all(tests, jobs, progress::raw);
+        let (outcomes, late) = run_all(tests, limits, progress::raw);
         let time = start.elapsed();
         let results = Results::new(&outcomes);
         times.add(name, time, if results.failed.is_empty() { "" } else { "FAILED" });
         summarize(outcomes, times);
-        results
+        (results, late)
+    }
+}
+
+/// How tests run.
+#[derive(Clone, Copy)]
+struct Limits {
+    /// Maximum number at a time.
+    jobs: NonZeroUsize,
+    /// When no more of them begin.
+    end: Option<Instant>,
+}
+
+impl Limits {
+    fn of(options: &Options) -> Self {
+        Self {
+            jobs: options.jobs,
+            end: None,
+        }
     }
 }
 
@@ -257,7 +275,8 @@ fn summarize(mut outcomes: Vec<Outcome>, times: &mut Times) {
             String::new()
         };
         let remark = format!("{}{work}{result}", outcome.tally);
-        times.add(&format!("  {}", outcome.name), outcome.time, &remark);
+        let name = format!("  {} {}", outcome.name, outcome.part);
+        times.add(name.trim_end(), outcome.time, &remark);
     }
 }
 
@@ -282,6 +301,8 @@ fn defaults() -> Vec<(&'static str, &'static str)> {
 /// A test program to run.
 struct Test {
     name: String,
+    /// The part of the program that runs; empty for all of it.
+    part: String,
     command: Command,
     /// File in which its apps record their work.
     profile: Option<TempPath>,
@@ -305,6 +326,7 @@ impl Test {
         }
         Self {
             name: source.display().to_string(),
+            part: String::new(),
             command,
             profile,
         }
@@ -317,6 +339,7 @@ fn documentation() -> Test {
     command.args(["--doc", "--"]);
     Test {
         name: "documentation".to_owned(),
+        part: String::new(),
         command,
         profile: None,
     }
@@ -325,6 +348,7 @@ fn documentation() -> Test {
 /// The outcome of a test program.
 struct Outcome {
     name: String,
+    part: String,
     time: Duration,
     success: bool,
     tally: Tally,
@@ -332,23 +356,32 @@ struct Outcome {
     costs: Costs,
 }
 
-/// Runs all tests, some at a time. With several at a time, each output is shown when the test has ended.
-fn run_all(tests: Vec<Test>, jobs: NonZeroUsize, show: fn(&[u8])) -> Vec<Outcome> {
+/// Runs all tests, some at a time. With several at a time, each output is shown when the test has ended. Also returns how many of the last
+/// ones didn't begin in time.
+fn run_all(tests: Vec<Test>, limits: Limits, show: fn(&[u8])) -> (Vec<Outcome>, usize) {
     let queue = Mutex::new(tests.into_iter());
-    let next = || queue.lock().ok()?.next();
+    let next = || {
+        if limits.end.is_some_and(|end| Instant::now() > end) {
+            return None;
+        }
+        queue.lock().ok()?.next()
+    };
+    let jobs = limits.jobs.get();
     let work = || {
         iter::from_fn(next)
-            .map(|test| run_one(test, jobs.get() == 1, show))
+            .map(|test| run_one(test, jobs == 1, show))
             .collect::<Vec<_>>()
     };
-    thread::scope(|scope| {
-        let workers: Vec<_> = (0..jobs.get()).map(|_| scope.spawn(work)).collect();
+    let outcomes = thread::scope(|scope| {
+        let workers: Vec<_> = (0..jobs).map(|_| scope.spawn(work)).collect();
         workers
             .into_iter()
             .filter_map(|worker| worker.join().ok())
             .flatten()
             .collect()
-    })
+    });
+    let late = queue.lock().map_or(0, |tests| tests.len());
+    (outcomes, late)
 }
 
 fn run_one(mut test: Test, is_alone: bool, show: fn(&[u8])) -> Outcome {
@@ -360,13 +393,13 @@ fn run_one(mut test: Test, is_alone: bool, show: fn(&[u8])) -> Outcome {
             show(bytes);
         }
     };
-    receive(format!("==> {}\n", test.name).as_bytes());
+    receive(format!("==> {} {}\n", test.name, test.part).as_bytes());
     let success = capture(&mut test.command, &mut receive).unwrap_or_else(|error| {
         receive(format!("{error}\n").as_bytes());
         false
     });
     let time = start.elapsed();
-    receive(format!("==> {}: {}\n", test.name, Elapsed(time)).as_bytes());
+    receive(format!("==> {} {}: {}\n", test.name, test.part, Elapsed(time)).as_bytes());
     if !is_alone {
         show(&output);
     }
@@ -374,6 +407,7 @@ fn run_one(mut test: Test, is_alone: bool, show: fn(&[u8])) -> Outcome {
     let profile = test.profile.and_then(|path| fs::read_to_string(path).ok());
     Outcome {
         name: test.name,
+        part: test.part,
         time,
         success,
         tally: Tally::read(&said),
@@ -408,6 +442,7 @@ mod tests {
         command.args(["-c", script]);
         Test {
             name: name.to_owned(),
+            part: String::new(),
             command,
             profile: None,
         }
@@ -417,6 +452,7 @@ mod tests {
     fn long_tests_count_once() {
         let outcome = |output: &str| Outcome {
             name: "p".into(),
+            part: String::new(),
             time: Duration::ZERO,
             success: true,
             tally: Tally::read(output),
@@ -436,6 +472,23 @@ mod tests {
         assert_eq!((results.long.len(), results.cases.len()), (1, 2));
     }
 
+    fn limits(jobs: usize) -> Limits {
+        Limits {
+            jobs: NonZeroUsize::new(jobs).unwrap(),
+            end: None,
+        }
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn tests_that_are_late_do_not_begin() {
+        let start = Instant::now();
+        let tests = (0..4).map(|_| shell("slow", "sleep 1")).collect();
+        let end = Some(start + Duration::from_millis(500));
+        let (outcomes, late) = run_all(tests, Limits { end, ..limits(2) }, |_| {});
+        assert_eq!((outcomes.len(), late), (2, 2));
+    }
+
     #[cfg(unix)]
     #[test]
     fn every_program_runs_and_counts() {
@@ -447,11 +500,13 @@ mod tests {
                 shell("crashes", &format!("{passes}; kill -9 $$")),
                 Test {
                     name: "missing".into(),
+                    part: String::new(),
                     command: Command::new("/no/such/program"),
                     profile: None,
                 },
             ];
-            let mut outcomes = run_all(tests, NonZeroUsize::new(jobs).unwrap(), |_| {});
+            let (mut outcomes, late) = run_all(tests, limits(jobs), |_| {});
+            assert_eq!(late, 0);
             outcomes.sort_by(|a, b| a.name.cmp(&b.name));
             let seen: Vec<_> = outcomes
                 .iter()

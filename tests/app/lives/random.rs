@@ -2,7 +2,7 @@
 //!
 //! In each frame, what was shown must still be shown, and no pixel may be dark. A pause builds nothing again. At the end of a life, images
 //! without noise must be those of new textures; back in the first state, the image must be that of a new app, and the memory that of one
-//! camera. `GLINT_SEED=7` begins with that life.
+//! camera. `GLINT_SEED=7` begins with that life, and `GLINT_LIVES=500` makes the long test live that many.
 
 use super::{FOREVER, plain, spawn_reflecting, spawn_scene};
 use crate::{
@@ -499,7 +499,7 @@ fn random_lives_lose_nothing() {
 }
 
 #[test]
-#[ignore = "long: hundreds of lives"]
+#[ignore = "long: a hundred lives"]
 fn many_random_lives_lose_nothing() {
-    live(500);
+    live(std::env::var("GLINT_LIVES").map_or(100, |lives| lives.parse().unwrap()));
 }

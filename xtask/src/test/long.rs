@@ -4,9 +4,9 @@ use std::mem;
 use std::slice;
 use std::time::{Duration, Instant, SystemTime};
 
-use super::{Options, Results, Suite, TRACER, Test};
+use super::{Limits, Options, Results, Suite, TRACER, Test};
 use crate::cases::Case;
-use crate::progress::{self, Times};
+use crate::progress::Times;
 
 /// Tests of one module of a program and one tracer, which share their results in one process.
 type Group = (String, Vec<Case>);
@@ -20,43 +20,40 @@ pub fn run(
     end: Option<Instant>,
     times: &mut Times,
 ) -> Results {
-    let mut results = Results::default();
     let mut groups = groups(tests);
     if end.is_some() && !groups.is_empty() {
         let now = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH);
         let first = now.unwrap_or(Duration::ZERO).as_secs() as usize % groups.len();
         groups.rotate_left(first);
     }
+    let mut results = Results::default();
+    let mut commands = Vec::new();
+    groups.retain(|group| {
+        let (program, cases) = group;
+        let Some(mut test) = suite.programs.iter().map(Test::new).find(|test| test.name == *program) else {
+            results.leave_out(slice::from_ref(group));
+            return false;
+        };
+        test.part = describe(cases);
+        match &cases[0].variant {
+            Some(tracer) => test.command.env(TRACER, tracer),
+            None => test.command.arg("--ignored"),
+        };
+        test.command.arg("--exact");
+        test.command.args(cases.iter().map(|case| &case.name));
+        commands.push(test);
+        true
+    });
     // Some at a time: most of them wait for one thread now and then.
-    for batch in groups.chunks(options.jobs.get()) {
-        if end.is_some_and(|end| Instant::now() > end) {
-            results.leave_out(batch);
-            continue;
-        }
-        let mut names = Vec::new();
-        let mut commands = Vec::new();
-        for group in batch {
-            let (program, cases) = group;
-            let Some(mut test) = suite.programs.iter().map(Test::new).find(|test| test.name == *program) else {
-                results.leave_out(slice::from_ref(group));
-                continue;
-            };
-            names.push(describe(group));
-            match &cases[0].variant {
-                Some(tracer) => test.command.env(TRACER, tracer),
-                None => test.command.arg("--ignored"),
-            };
-            test.command.arg("--exact");
-            test.command.args(cases.iter().map(|case| &case.name));
-            commands.push(test);
-        }
-        let name = format!("long tests: {}", names.join(", "));
-        progress::say(format_args!("==> {name}"));
-        let left_out = mem::take(&mut results.long);
-        results.add(suite.run_all(&name, commands, options.jobs, times));
-        results.long = left_out;
-    }
-    results
+    let limits = Limits {
+        end,
+        ..Limits::of(options)
+    };
+    let (mut all, late) = suite.run_all("long tests", commands, limits, times);
+    // Tests that are long in both tiers were found anew.
+    all.long = mem::take(&mut results.long);
+    all.leave_out(&groups[groups.len() - late..]);
+    all
 }
 
 impl Results {
@@ -68,11 +65,10 @@ impl Results {
     }
 }
 
-fn describe((program, cases): &Group) -> String {
+/// The module and the tracer of a group.
+fn describe(cases: &[Case]) -> String {
     let variant = cases[0].variant.as_deref().unwrap_or_default();
-    format!("{program} {} {variant}", cases[0].module())
-        .trim_end()
-        .to_owned()
+    format!("{} {variant}", cases[0].module()).trim_end().to_owned()
 }
 
 /// Joins the tests of each module.
