@@ -61,6 +61,7 @@
 // A library reports through the log and through types; it neither prints nor panics on a user's input.
 #![warn(clippy::print_stdout, clippy::print_stderr, clippy::unwrap_used, clippy::expect_used)]
 
+mod app_module;
 mod auto_quality;
 mod budget;
 mod common;
@@ -124,12 +125,12 @@ pub use schedule::ReflectionSystems;
 pub use settings::{
     AdaptiveThresholds, CombinedThresholds, FrontLayerShader, GrazingThresholds, NotReflected, RATE_LEGEND,
     RayTracedReflections, ReflectedLayers, ReflectedMaterial3d, ReflectedMesh3d, ReflectedPose, ReflectedPoseBudget,
-    ReflectedSurfaceShader, ReflectionAutoQuality, ReflectionBackend, ReflectionBudget, ReflectionDebugCounters,
-    ReflectionDebugSplit, ReflectionDebugView, ReflectionDenoiser, ReflectionEffort, ReflectionFallback,
-    ReflectionGuides, ReflectionPreset, ReflectionQuality, ReflectionRetention, ReflectionSampling,
-    ReflectionTechnique, ReflectionTextureMip, ReflectionTracerChoice, ReflectionUploadBudget, ReflectionWarmUp,
-    ReflectionsOff, RoughnessThresholds, ScreenTraces, ShadingRate, ShadingRateHeuristic, ShadingRateTileSize,
-    TECHNIQUE_NAMES, UnknownName, named_settings,
+    ReflectedSurfaceShader, ReflectedVertexShader, ReflectedVertices, ReflectionAutoQuality, ReflectionBackend,
+    ReflectionBudget, ReflectionDebugCounters, ReflectionDebugSplit, ReflectionDebugView, ReflectionDenoiser,
+    ReflectionEffort, ReflectionFallback, ReflectionGuides, ReflectionPreset, ReflectionQuality, ReflectionRetention,
+    ReflectionSampling, ReflectionTechnique, ReflectionTextureMip, ReflectionTracerChoice, ReflectionUploadBudget,
+    ReflectionWarmUp, ReflectionsOff, RoughnessThresholds, ScreenTraces, ShadingRate, ShadingRateHeuristic,
+    ShadingRateTileSize, TECHNIQUE_NAMES, UnknownName, named_settings,
 };
 pub use status::{ReflectionStatus, ReflectionStatusReport, ReflectionViewMemory};
 #[cfg(feature = "egui")]

@@ -2,7 +2,7 @@
 //! [`ReflectionTechnique`](crate::ReflectionTechnique), [`ReflectionDenoiser`](crate::ReflectionDenoiser) and
 //! [`ShadingRate`](crate::ShadingRate). So are [`named_settings`](crate::named_settings),
 //! [`ReflectionDebugView`](crate::ReflectionDebugView), [`FrontLayerShader`](crate::FrontLayerShader) and
-//! [`ReflectedSurfaceShader`](crate::ReflectedSurfaceShader). Rows of options menus are in `bevy_glint::ui`, with the feature `egui`.
+//! [`ReflectedSurfaceShader`](crate::ReflectedSurfaceShader), [`ReflectedVertexShader`](crate::ReflectedVertexShader). Rows of options menus are in `bevy_glint::ui`, with the feature `egui`.
 
 #[cfg(feature = "hardware-vrs")]
 pub use crate::HardwareVrsPlugin;

@@ -14,7 +14,7 @@ use super::{
     },
     meshes::{MeshWorld, SceneMeshes, extract_meshes, kept::RenderWorldMeshes},
     origin::{AnnouncedShift, OriginShift},
-    pose::{ExtractedPoses, PoseWorld, extract_poses},
+    pose::{ExtractedPoses, PoseWorld, VertexShader, extract_poses},
     render_layers::{LightLayers, SceneLayers},
     textures::{TextureTable, extract_texture_changes},
 };
@@ -90,13 +90,21 @@ pub(super) fn extract_shapes(
     mut instances: ResMut<SceneInstances>,
     mut meshes: ResMut<SceneMeshes>,
     mut render_world: ResMut<RenderWorldMeshes>,
-    mut poses: ResMut<ExtractedPoses>,
+    (mut poses, shader): (ResMut<ExtractedPoses>, Option<Res<VertexShader>>),
     device: Res<RenderDevice>,
 ) {
     let (poses_there, meshes_there) = &mut *world;
     lost.drop_objects(&mut instances);
     instances.keep_last_meshes(|last, now| meshes.may_show(last) && !meshes.is_settled(now));
-    extract_poses(poses_there, activity.active, &meshes, &mut instances, &mut poses);
+    let shader = shader.as_deref();
+    extract_poses(
+        poses_there,
+        activity.active,
+        shader,
+        &mut meshes,
+        &mut instances,
+        &mut poses,
+    );
     extract_meshes(
         meshes_there,
         activity.active,

@@ -71,6 +71,8 @@ enum MeshSource {
 /// Result of a build task.
 pub struct BuiltMesh {
     packed: Arc<PackedMesh>,
+    /// [`SceneMesh::deformation`].
+    deformation: Option<Deformation>,
     /// Only for the BVH tracer.
     blas: Option<Blas>,
     /// Only for the BVH tracer.
@@ -111,7 +113,7 @@ pub struct SceneMesh {
     pub triangle_count: u32,
     /// Arrays of the packed mesh.
     pub offsets: MeshOffsets,
-    /// Joints, weights and morph targets, if the mesh has any.
+    /// Joints, weights and morph targets, if the mesh has any. Empty for a mesh that only the app's shader poses.
     pub deformation: Option<Deformation>,
     /// Triangle indices to build ray-query structures with flipped winding; empty with the BVH tracer.
     pub indices: Arc<[u32]>,
@@ -135,7 +137,7 @@ pub struct SceneBlas {
     pub top: Arc<[TopNode]>,
     /// [`Blas::groups`].
     pub groups: u32,
-    /// [`Blas::levels`] of a mesh with a skin or morph targets.
+    /// [`Blas::levels`] of a mesh that can be posed.
     pub levels: Box<[u32]>,
 }
 
@@ -178,6 +180,8 @@ pub struct SceneMeshes {
     unused: HashSet<AssetId<Mesh>>,
     /// Meshes that didn't fit.
     without_room: WaitingRoom<AssetId<Mesh>>,
+    /// Meshes without joints and morph targets that some object poses nevertheless, by the app's shader.
+    posable: HashSet<AssetId<Mesh>>,
     /// Meshes that changed while an older version was being built.
     stale: HashSet<AssetId<Mesh>>,
     /// Meshes that became ready, changed or vanished in this frame.
@@ -240,6 +244,7 @@ impl SceneMeshes {
             told: HashSet::default(),
             unused: HashSet::default(),
             without_room: WaitingRoom::default(),
+            posable: HashSet::default(),
             stale: HashSet::default(),
             changed: HashSet::default(),
             tracer,
@@ -252,6 +257,13 @@ impl SceneMeshes {
     /// A mesh that is ready.
     pub fn get(&self, id: AssetId<Mesh>) -> Option<&SceneMesh> {
         self.ready.get(&id)
+    }
+
+    /// Has a mesh built so that it can be posed, even if it has neither joints nor morph targets. Until then, the last version stays.
+    pub fn make_posable(&mut self, id: AssetId<Mesh>) {
+        if self.posable.insert(id) && self.is_known(id) && self.get(id).is_none_or(|mesh| mesh.deformation.is_none()) {
+            self.stale.insert(id);
+        }
     }
 
     /// The tracer that meshes are built for.
@@ -350,13 +362,20 @@ impl SceneMeshes {
 
     fn start(&mut self, id: AssetId<Mesh>, source: MeshSource, copied_bytes: u64) {
         let with_bvh = self.tracer == ReflectionTracer::Bvh;
+        let is_posable = self.posable.contains(&id);
         let task = tree_builds::spawn(async move {
             let begin = Instant::now();
             let (packed, is_kept) = match source {
                 MeshSource::Copy(mesh) => (Arc::new(pack_mesh(&mesh)?), false),
                 MeshSource::Kept(packed) => (packed, true),
             };
-            let build = match &packed.deformation {
+            let deformation = packed.deformation.clone().or_else(|| {
+                is_posable.then(|| Deformation {
+                    bounds: packed.bounds,
+                    ..Deformation::default()
+                })
+            });
+            let build = match &deformation {
                 Some(_) => build_posable_blas,
                 None => build_blas,
             };
@@ -378,6 +397,7 @@ impl SceneMeshes {
             let milliseconds = begin.elapsed().as_secs_f32() * 1000.0;
             Ok(BuiltMesh {
                 packed,
+                deformation,
                 blas,
                 triangles,
                 indices,
@@ -570,6 +590,7 @@ pub fn extract_meshes(
         render_world.remove(id);
         meshes.remove(id);
         meshes.told.remove(&id);
+        meshes.posable.remove(&id);
         let rank = Rank::far(meshes.take_order());
         meshes.wanted.insert(id, rank);
     }

@@ -82,7 +82,7 @@ use lights::ExtractedLights;
 use materials::{MaterialAssets, MaterialTable};
 use meshes::{SceneMeshes, keep_render_world_meshes, kept::RenderWorldMeshes};
 use origin::AnnouncedShift;
-use pose::ExtractedPoses;
+use pose::{ExtractedPoses, VertexShader};
 use prepare::prepare_scene;
 use reflected_material::add_extraction;
 use render_layers::SceneLayers;
@@ -126,6 +126,7 @@ impl Plugin for ScenePlugin {
         load_shader_library!(app, "coplanar.wesl");
         load_shader_library!(app, "transparency.wesl");
         load_shader_library!(app, "types.wesl");
+        load_shader_library!(app, "pose/vertex.wesl");
         embedded_asset!(app, "pose/pose.wesl");
         embedded_asset!(app, "pose/refit.wesl");
         embedded_asset!(app, "scatter.wesl");
@@ -156,6 +157,7 @@ impl Plugin for ScenePlugin {
             .init_gpu_resource::<TextureTable>()
             .init_gpu_resource::<EnvironmentBindings>()
             .init_gpu_resource::<SceneMeshes>()
+            .init_gpu_resource::<VertexShader>()
             .add_systems(
                 RenderStartup,
                 init_gpu_resource::<SceneBindings>

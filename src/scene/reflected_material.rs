@@ -7,8 +7,13 @@ use super::{
         extract::{MaterialComponent, extract_instances, note_lost_materials},
     },
     materials::{MaterialTypes, ReflectedMaterial, extract_materials},
+    pose::extract_vertex_shader,
 };
-use crate::{device::tracing_app, schedule::ReflectionSystems, settings::ReflectedMaterial3d};
+use crate::{
+    device::tracing_app,
+    schedule::ReflectionSystems,
+    settings::{ReflectedMaterial3d, ReflectedVertices},
+};
 use bevy::{
     app::{App, Plugin, SubApp},
     ecs::prelude::*,
@@ -41,6 +46,7 @@ use core::{any::TypeId, marker::PhantomData};
 /// ```
 pub struct ReflectedMaterialPlugin<M: ReflectedMaterial> {
     shows_environment: bool,
+    vertices: Option<ReflectedVertices>,
     _material: PhantomData<fn() -> M>,
 }
 
@@ -48,6 +54,7 @@ impl<M: ReflectedMaterial> Default for ReflectedMaterialPlugin<M> {
     fn default() -> Self {
         Self {
             shows_environment: M::shows_environment(),
+            vertices: None,
             _material: PhantomData,
         }
     }
@@ -81,6 +88,29 @@ impl<M: ReflectedMaterial> ReflectedMaterialPlugin<M> {
             ..Self::default()
         }
     }
+
+    /// Use this for a type with a vertex shader that moves vertices: entities with such a material get this component, unless they have
+    /// one, so that [`ReflectedVertexShader`](crate::ReflectedVertexShader) moves their vertices in reflections.
+    ///
+    /// # Examples
+    ///
+    /// ```no_run
+    /// # use bevy::{pbr::{ExtendedMaterial, MaterialExtension}, prelude::*, render::render_resource::AsBindGroup};
+    /// # use bevy_glint::{ReflectedVertices, prelude::*};
+    /// # #[derive(Asset, AsBindGroup, Reflect, Clone)]
+    /// # struct Wind {}
+    /// # impl MaterialExtension for Wind {}
+    /// # let mut app = App::new();
+    /// let swaying = ReflectedVertices { reach: 0.3, ..default() };
+    /// app.add_plugins(
+    ///     ReflectedMaterialPlugin::<ExtendedMaterial<StandardMaterial, Wind>>::default().with_vertices(swaying),
+    /// );
+    /// ```
+    #[must_use]
+    pub fn with_vertices(mut self, vertices: ReflectedVertices) -> Self {
+        self.vertices = Some(vertices);
+        self
+    }
 }
 
 /// Components of the supported material types; there is one resource in either world.
@@ -97,6 +127,11 @@ impl SeenMaterials {
 impl<M: ReflectedMaterial> Plugin for ReflectedMaterialPlugin<M> {
     fn build(&self, app: &mut App) {
         see::<M>(app.world_mut());
+        if let Some(vertices) = self.vertices {
+            let component = move || vertices;
+            // It fails if the plugin was added twice. Then the first one counts.
+            _ = app.try_register_required_components_with::<MeshMaterial3d<M>, ReflectedVertices>(component);
+        }
     }
 
     fn finish(&self, app: &mut App) {
@@ -192,6 +227,10 @@ pub(super) fn add_extraction(render_app: &mut SubApp) {
                 .chain()
                 .in_set(ExtractObjects::Begin),
             extract_shapes.in_set(ExtractObjects::Shapes),
+            // Bevy sends its shaders to the pipeline cache, too. They are different ones, so the order doesn't matter.
+            extract_vertex_shader
+                .before(ExtractObjects::Shapes)
+                .ambiguous_with_all(),
         ),
     );
     extract_objects::<ReflectedMaterial3d>(render_app, 0);

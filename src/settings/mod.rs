@@ -40,6 +40,7 @@ mod retention;
 mod shading_rate;
 mod stand_in;
 mod surface_shader;
+mod vertex_shader;
 mod view;
 mod warm_up;
 mod words;
@@ -69,6 +70,7 @@ pub use shading_rate::ShadingRate;
 pub use shading_rate::{RATE_ACTIVE, RATE_CODE_MASK};
 pub use stand_in::{ReflectedMaterial3d, ReflectedMesh3d};
 pub use surface_shader::ReflectedSurfaceShader;
+pub use vertex_shader::{ReflectedVertexShader, ReflectedVertices};
 pub use view::{LightingHook, ReflectionView, WantsReflections};
 pub use warm_up::ReflectionWarmUp;
 pub use words::UnknownName;
@@ -105,6 +107,8 @@ impl Plugin for SettingsPlugin {
             .register_type::<ReflectionTracerChoice>()
             .register_type::<FrontLayerShader>()
             .register_type::<ReflectedSurfaceShader>()
+            .register_type::<ReflectedVertexShader>()
+            .register_type::<ReflectedVertices>()
             .register_type::<ReflectionWarmUp>()
             .register_type::<NotReflected>()
             .register_type::<ReflectedLayers>()

@@ -1,11 +1,12 @@
-//! Settings for skinned and morphed meshes in reflections.
+//! Settings for meshes with vertices that move in reflections.
 
 use bevy::{
     ecs::{component::Component, prelude::*},
     reflect::{Reflect, std_traits::ReflectDefault},
 };
 
-/// How reflections show a skinned or morphed mesh. It has no effect on other entities.
+/// How reflections show a skinned or morphed mesh, or one with [`ReflectedVertices`](crate::ReflectedVertices). It has no effect on other
+/// entities.
 ///
 /// Without this component a mesh is [`Posed`](Self::Posed).
 #[derive(Component, Reflect, Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
@@ -17,15 +18,16 @@ pub enum ReflectedPose {
     /// tree or acceleration structure.
     #[default]
     Posed,
-    /// In its bind pose and without morph targets, moved by the first joint. Costs no more than a mesh without a skin: for crowds and
-    /// distant characters.
+    /// In its bind pose and without morph targets, moved by the first joint; vertices stay where the mesh has them. Costs no more than a
+    /// mesh that can't be posed: for crowds and distant characters.
     Rigid,
 }
 
-/// Maximum number of vertices of skinned and morphed meshes that are posed for reflections in one frame.
+/// Maximum number of vertices that are posed for reflections in one frame: of skinned and morphed meshes, and of those with
+/// [`ReflectedVertices`](crate::ReflectedVertices).
 ///
 /// If more vertices have changed, the meshes nearest to a camera with reflections come first. Others keep their last pose and still
-/// follow their first joint; the longer they wait, the higher their priority. At least one mesh is posed, regardless of its number of
+/// follow their transform or first joint; the longer they wait, the higher their priority. At least one mesh is posed, regardless of its number of
 /// vertices, unless the budget is 0, which freezes all poses.
 ///
 /// A higher number costs GPU time, in proportion to the posed vertices and triangles; a lower one makes distant characters move in steps.

@@ -32,9 +32,9 @@ use bevy::{
 /// [`ReflectedMaterialPlugin`](crate::ReflectedMaterialPlugin)s), the place on the mesh, and the time. The result is clamped to valid
 /// ranges. Position, alpha, and which triangles rays hit don't change.
 ///
-/// The module is compiled as a part of the library: it can import modules of `bevy_glint`, of Bevy, and modules that a crate embeds
-/// (`embedded_asset!`, by the crate's name), but no other files of the asset folder. Changes of its file are reloaded. Until it is
-/// compiled, and if it fails, reflections show materials without it; the log contains the reason. While there is such a shader, compute
+/// The module is compiled as a part of the library. It can import modules of `bevy_glint`, of Bevy, and modules that a crate embeds
+/// (`embedded_asset!`, by the crate's name). It can also import other files of the asset folder, of which the library gets a copy: they
+/// can't have bindings of their own. Changes of the files are reloaded. Until it is compiled, and if it fails, reflections show materials without it; the log contains the reason. While there is such a shader, compute
 /// shaders replace hardware rates.
 ///
 /// # Examples

@@ -48,6 +48,9 @@ mod split_screen;
 #[path = "../../examples/water_material.rs"]
 #[expect(dead_code, reason = "`main` opens a window")]
 mod water_material;
+#[path = "../../examples/wind.rs"]
+#[expect(dead_code, reason = "`main` opens a window")]
+mod wind;
 
 use bevy::{
     camera::ShadowLodOrigin,
@@ -498,6 +501,24 @@ fn custom_material() {
     let coarse = example.image("coarse");
     example.assert_differs("the coarse mesh", &dense, &coarse, 0.1);
     example.assert_reflects(2.0);
+}
+
+#[test]
+fn wind() {
+    let Some(mut example) = Example::start("wind", wind::plugin) else {
+        return;
+    };
+    let swaying = example.image("swaying");
+    assert_eq!(example.report().posed_instances, 5);
+    example.press(KeyCode::Space);
+    let still = example.image("still-in-the-water");
+    assert_eq!(example.report().posed_instances, 0);
+    example.assert_differs("plants that stand still in the water", &swaying, &still, 0.5);
+    example.press(KeyCode::Space);
+    example.app.step(30);
+    let later = example.image("later");
+    example.assert_differs("half a second later", &swaying, &later, 0.5);
+    example.assert_reflects(1.0);
 }
 
 #[cfg(feature = "egui")]

@@ -10,6 +10,7 @@ mod materials;
 mod random;
 mod sky;
 mod transmission;
+mod vertices;
 
 use crate::{
     pictures::{PATIENCE, apps, differing_pixels, dump, flip, reflect, warm_up},

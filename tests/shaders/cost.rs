@@ -56,7 +56,7 @@ const SCENE_PASSES: [(&str, &[&str]); 14] = [
 ];
 
 /// All others, and passes for scenes with rare features.
-const PASSES: [(&str, &[&str]); 96] = [
+const PASSES: [(&str, &[&str]); 97] = [
     (
         "front_layer/find",
         &["FRONT_LAYER", "FORWARD_SURFACES", "ALPHA_MASKED_GEOMETRY"],
@@ -189,6 +189,7 @@ const PASSES: [(&str, &[&str]); 96] = [
     ("composite/add", &[]),
     ("trace/vrs", &[]),
     ("scene/pose/pose", &[]),
+    ("scene/pose/pose", &["VERTEX_SHADER"]),
     ("scene/pose/refit", &[]),
     ("scene/scatter", &[]),
     ("scene/texture_layers", &[]),

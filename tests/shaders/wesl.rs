@@ -26,6 +26,17 @@ const APP_SURFACE: &str = "
     }
 ";
 
+/// Another.
+const APP_VERTEX: &str = "
+    import package::scene::pose::vertex::{app_uniform, VertexPoint, WorldVertex};
+
+    fn reflected_vertex(vertex: WorldVertex, at: VertexPoint) -> WorldVertex {
+        var moved = vertex;
+        moved.position += at.color.rgb * sin(at.seconds + at.uv.x + at.parameters.x) + app_uniform(at.index).xyz;
+        return moved;
+    }
+";
+
 /// All shader modules of this crate and of Bevy.
 pub struct Shaders {
     cache: ShaderCache<String, ()>,
@@ -80,6 +91,7 @@ impl Shaders {
         };
         shaders.add_folder("bevy_glint", &root.join("src"));
         shaders.add("bevy_glint/trace/app_surface.wesl", APP_SURFACE.to_owned());
+        shaders.add("bevy_glint/scene/pose/app_vertex.wesl", APP_VERTEX.to_owned());
         for name in BEVY_CRATES {
             shaders.add_folder(name, &bevy_source(root, name));
         }

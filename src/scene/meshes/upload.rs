@@ -188,7 +188,7 @@ impl SceneMeshes {
         let packed = built.packed;
         self.remove_for_next(id);
         let bvh = bvh.zip(built.blas).map(|(slice, mut blas)| {
-            let levels = packed.deformation.as_ref().map(|_| blas.levels());
+            let levels = built.deformation.as_ref().map(|_| blas.levels());
             tree_builds::discard(core::mem::take(&mut blas.items));
             let first_node = slice.base() / ITEM_WORDS;
             SceneBlas {
@@ -209,7 +209,7 @@ impl SceneMeshes {
             offsets: packed.offsets,
             indices: built.indices,
             triangles: built.triangles,
-            deformation: packed.deformation.clone(),
+            deformation: built.deformation,
             version: self.next_version,
         };
         tree_builds::discard(packed);

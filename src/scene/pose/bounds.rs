@@ -45,6 +45,18 @@ pub(super) fn posed_bounds(deformation: &Deformation, matrices: &[Rows], weights
     }
 }
 
+/// The box with this much more on each side.
+pub(super) fn enlarged(bounds: bvh::Bounds, by: Vec3) -> bvh::Bounds {
+    let moved = |corner: [f32; 3], by: Vec3| {
+        let corner = Vec3::from(corner) + by;
+        corner.clamp(Vec3::splat(-FARTHEST), Vec3::splat(FARTHEST)).to_array()
+    };
+    bvh::Bounds {
+        min: moved(bounds.min, -by),
+        max: moved(bounds.max, by),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

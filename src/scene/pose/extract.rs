@@ -1,8 +1,9 @@
-//! Joints and morph weights of the main world.
+//! Joints, morph weights, and objects with vertices that the app's shader moves, of the main world.
 
+use super::vertex_shader::{Inputs, Motion, VertexShader};
 use crate::{
     scene::{acceleration::rows, instances::SceneInstances, meshes::SceneMeshes},
-    settings::{RayTracedReflections, ReflectedMesh3d, ReflectedPose, ReflectedPoseBudget},
+    settings::{RayTracedReflections, ReflectedMesh3d, ReflectedPose, ReflectedPoseBudget, ReflectedVertices},
 };
 use bevy::{
     asset::Assets,
@@ -35,6 +36,8 @@ pub struct PoseSource {
     pub matrices: Range<usize>,
     /// Range in [`ExtractedPoses::weights`], by morph target. Empty without morph targets.
     pub weights: Range<usize>,
+    /// For the app's shader.
+    pub(super) motion: Option<Motion>,
     /// The pose is unknown in this frame, so the last one stays.
     pub is_unknown: bool,
     /// World space.
@@ -50,6 +53,8 @@ pub struct ExtractedPoses {
     pub matrices: Vec<Rows>,
     /// Weights of all of them.
     pub weights: Vec<f32>,
+    /// What the app's shader depends on; `None` without one.
+    pub(super) inputs: Option<Inputs>,
     /// World-space positions of active cameras with reflections; empty if there are no poses.
     pub cameras: Vec<Vec3>,
     /// [`ReflectedPoseBudget::vertices_per_frame`].
@@ -65,6 +70,7 @@ type PoseQuery = (
     Option<&'static SkinnedMesh>,
     Option<&'static MeshMorphWeights>,
     Option<&'static ReflectedPose>,
+    Option<&'static ReflectedVertices>,
     &'static GlobalTransform,
 );
 /// Entities with a pose; other archetypes are skipped. A stand-in has none.
@@ -73,10 +79,21 @@ type WithPose = (
     Or<(With<SkinnedMesh>, With<MeshMorphWeights>)>,
 );
 
+/// Entities without a pose, of which the app's shader moves the vertices. A stand-in for a posed mesh is one of them.
+type WithoutPose = Or<(With<ReflectedMesh3d>, (Without<SkinnedMesh>, Without<MeshMorphWeights>))>;
+/// Their components.
+type MovedQuery = (
+    Entity,
+    &'static ReflectedVertices,
+    Option<&'static ReflectedPose>,
+    &'static GlobalTransform,
+);
+
 /// Parts of the main world that poses depend on.
 #[derive(SystemParam)]
 pub struct PoseWorld<'w, 's> {
     posed: Query<'w, 's, PoseQuery, WithPose>,
+    moved: Query<'w, 's, MovedQuery, WithoutPose>,
     joints: Query<'w, 's, &'static GlobalTransform>,
     weights: Query<'w, 's, &'static MorphWeights>,
     bindposes: Option<Res<'w, Assets<SkinnedMeshInverseBindposes>>>,
@@ -88,7 +105,8 @@ pub struct PoseWorld<'w, 's> {
 pub fn extract_poses(
     world: &PoseWorld,
     active: bool,
-    meshes: &SceneMeshes,
+    shader: Option<&VertexShader>,
+    meshes: &mut SceneMeshes,
     instances: &mut SceneInstances,
     poses: &mut ExtractedPoses,
 ) {
@@ -96,6 +114,7 @@ pub fn extract_poses(
         sources,
         matrices,
         weights,
+        inputs,
         cameras,
         vertices_per_frame,
         placed,
@@ -108,7 +127,8 @@ pub fn extract_poses(
     if !active {
         return;
     }
-    for (entity, mesh, skin, morph, pose, transform) in &world.posed {
+    inputs.clone_from(&shader.and_then(VertexShader::inputs).cloned());
+    for (entity, mesh, skin, morph, pose, vertices, transform) in &world.posed {
         let Some((slot, source)) = instances.find(entity) else {
             continue;
         };
@@ -156,9 +176,15 @@ pub fn extract_poses(
             entity,
             matrices: first_matrix..matrices.len(),
             weights: first_weight..weights.len(),
+            motion: vertices
+                .filter(|_| inputs.is_some())
+                .and_then(|vertices| Motion::new(place, vertices)),
             is_unknown,
             position: place.translation.into(),
         });
+    }
+    if inputs.is_some() {
+        sources.extend(world.moved(meshes, instances));
     }
     if !sources.is_empty() {
         let active = world.cameras.iter().filter(|(camera, _)| camera.is_active);
@@ -168,6 +194,27 @@ pub fn extract_poses(
 }
 
 impl PoseWorld<'_, '_> {
+    /// Objects without a pose, of which the app's shader moves the vertices. Has their meshes built for that.
+    fn moved(&self, meshes: &mut SceneMeshes, instances: &SceneInstances) -> impl Iterator<Item = PoseSource> {
+        self.moved.iter().filter_map(|(entity, vertices, pose, transform)| {
+            let (slot, object) = instances.find(entity)?;
+            if pose == Some(&ReflectedPose::Rigid) {
+                return None;
+            }
+            meshes.make_posable(object.mesh);
+            let place = transform.affine();
+            Some(PoseSource {
+                slot,
+                entity,
+                matrices: 0..0,
+                weights: 0..0,
+                motion: Motion::new(place, vertices),
+                is_unknown: false,
+                position: place.translation.into(),
+            })
+        })
+    }
+
     /// Appends the matrices of a skin, unless it is rigid, and returns their target space: that of the first joint. Returns `None` if
     /// they are unknown; some might have been appended already.
     fn pose(&self, skin: &SkinnedMesh, is_rigid: bool, matrices: &mut Vec<Rows>) -> Option<Affine3A> {

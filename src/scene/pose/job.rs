@@ -1,5 +1,6 @@
 //! The structs of `job.wesl` on the CPU.
 
+use super::vertex_shader::Inputs;
 use bytemuck::{Pod, Zeroable};
 
 /// A mesh to pose.
@@ -36,21 +37,51 @@ pub(super) struct PoseJob {
     /// BVH: index of the first of the tree's boxes.
     pub boxes: u32,
     pub vertex_count: u32,
+    /// 1 if the app's shader moves the vertices.
+    pub is_moved: u32,
+    /// First word in [`Batch::values`] of the rows of `world_from_object` and `object_from_world`, the object's parameters, and the time.
+    pub motion: u32,
+    /// First word in [`Batch::values`] of the app's uniforms.
+    pub uniforms: u32,
+    /// Number of the app's uniforms.
+    pub uniform_count: u32,
 }
 
-const _: () = assert!(size_of::<PoseJob>() == 80);
+const _: () = assert!(size_of::<PoseJob>() == 96);
 
 /// Meshes that are posed together.
 #[derive(Default)]
 pub(super) struct Batch {
     pub jobs: Vec<PoseJob>,
-    /// Matrices, weights and levels of all jobs.
+    /// Matrices, weights, levels and motions of all jobs, and the app's uniforms.
     pub values: Vec<u32>,
     /// Number of nodes of all trees.
     pub boxes: u32,
+    /// The app's shader moves the vertices of some of them.
+    pub is_moved: bool,
+    /// First word in [`Self::values`] of the app's uniforms, and their number.
+    uniforms: [u32; 2],
 }
 
 impl Batch {
+    /// An empty batch with what the app's shader depends on.
+    pub fn new(inputs: Option<&Inputs>) -> Self {
+        let mut batch = Self::default();
+        if let Some(inputs) = inputs {
+            let first = batch.add(bytemuck::cast_slice(&inputs.uniforms));
+            batch.uniforms = [first, inputs.uniforms.len() as u32];
+        }
+        batch
+    }
+
+    /// Has the app's shader move the vertices of a job. `motion` is [`Motion::words`](super::vertex_shader::Motion::words).
+    pub fn move_vertices(&mut self, job: &mut PoseJob, motion: &[u32]) {
+        self.is_moved = true;
+        job.is_moved = 1;
+        job.motion = self.add(motion);
+        [job.uniforms, job.uniform_count] = self.uniforms;
+    }
+
     /// Appends words and returns the index of the first.
     pub fn add(&mut self, words: &[u32]) -> u32 {
         let first = self.values.len() as u32;

@@ -4,18 +4,19 @@ use super::job::{Batch, PoseJob};
 use crate::{device::ReflectionTracer, scene::upload::StorageSlice};
 use bevy::{
     asset::{AssetServer, Handle, load_embedded_asset},
+    log::error,
     render::{
         diagnostic::{DiagnosticsRecorder, RecordDiagnostics},
         render_resource::{
             BindGroup, BindGroupEntries, BindGroupLayout, BindGroupLayoutDescriptor, BindGroupLayoutEntries, Buffer,
-            BufferBinding, BufferId, BufferInitDescriptor, BufferUsages, CachedComputePipelineId, CommandEncoder,
-            CommandEncoderDescriptor, ComputePass, ComputePassDescriptor, ComputePipeline, ComputePipelineDescriptor,
-            PipelineCache, ShaderStages,
+            BufferBinding, BufferId, BufferInitDescriptor, BufferUsages, CachedComputePipelineId, CachedPipelineState,
+            CommandEncoder, CommandEncoderDescriptor, ComputePass, ComputePassDescriptor, ComputePipeline,
+            ComputePipelineDescriptor, PipelineCache, ShaderStages,
             binding_types::{storage_buffer_read_only_sized, storage_buffer_sized, uniform_buffer_sized},
         },
         renderer::{RenderDevice, RenderQueue},
     },
-    shader::Shader,
+    shader::{Shader, ShaderCacheError},
     utils::default,
 };
 use core::num::NonZeroU64;
@@ -36,12 +37,18 @@ pub(super) struct KernelCache {
     refit_shader: Handle<Shader>,
     tracer: ReflectionTracer,
     queued: Option<(CachedComputePipelineId, Option<[CachedComputePipelineId; 2]>)>,
+    /// With the app's shader.
+    moving: Option<CachedComputePipelineId>,
+    /// An error of the app's shader was logged.
+    told: bool,
     kernels: Option<Kernels>,
 }
 
 /// Compiled kernels.
 pub(super) struct Kernels {
     pub pose: ComputePipeline,
+    /// [`Self::pose`] with the app's shader; `None` without one, and until it is compiled.
+    pub moving: Option<ComputePipeline>,
     pub pose_layout: BindGroupLayout,
     /// Only for the BVH tracer.
     pub refit: Option<RefitKernels>,
@@ -62,12 +69,15 @@ impl KernelCache {
             refit_shader: load_embedded_asset!(assets, "refit.wesl"),
             tracer,
             queued: None,
+            moving: None,
+            told: false,
             kernels: None,
         }
     }
 
-    /// Returns `None` while they are being compiled.
-    pub fn get(&mut self, cache: &PipelineCache) -> Option<&Kernels> {
+    /// Returns `None` while they are being compiled. `has_shader` is true if the app has a shader.
+    pub fn get(&mut self, cache: &PipelineCache, has_shader: bool) -> Option<&Kernels> {
+        let moving = has_shader.then(|| self.moving(cache)).flatten();
         if self.kernels.is_none() {
             let (pose, refit) = *self.queued.get_or_insert_with(|| {
                 let queue = |label: &'static str, entry_point: &'static str, shader: &Handle<Shader>, layout| {
@@ -100,11 +110,42 @@ impl KernelCache {
             };
             self.kernels = Some(Kernels {
                 pose: cache.get_compute_pipeline(pose)?.clone(),
+                moving: None,
                 pose_layout: cache.get_bind_group_layout(&pose_layout()),
                 refit,
             });
         }
-        self.kernels.as_ref()
+        let kernels = self.kernels.as_mut()?;
+        kernels.moving = moving;
+        Some(kernels)
+    }
+
+    /// The kernel with the app's shader. Logs an error of the shader once.
+    fn moving(&mut self, cache: &PipelineCache) -> Option<ComputePipeline> {
+        let id = *self.moving.get_or_insert_with(|| {
+            cache.queue_compute_pipeline(ComputePipelineDescriptor {
+                label: Some("glint_pose_moving".into()),
+                layout: vec![pose_layout()],
+                shader: self.pose_shader.clone(),
+                shader_defs: vec!["VERTEX_SHADER".into()],
+                entry_point: Some("pose_vertices".into()),
+                ..default()
+            })
+        });
+        match cache.get_compute_pipeline_state(id) {
+            CachedPipelineState::Err(
+                ShaderCacheError::ShaderNotLoaded(_) | ShaderCacheError::ShaderImportNotYetAvailable,
+            ) => {}
+            CachedPipelineState::Err(error) if !self.told => {
+                self.told = true;
+                error!(
+                    "the shader of `ReflectedVertexShader` failed, so that reflections show meshes without it: {error}"
+                );
+            }
+            CachedPipelineState::Ok(_) => self.told = false,
+            _ => {}
+        }
+        cache.get_compute_pipeline(id).cloned()
     }
 }
 
@@ -218,7 +259,8 @@ impl PosePass {
                 label: Some("glint_pose"),
                 timestamp_writes: None,
             });
-            pass.set_pipeline(&kernels.pose);
+            let moving = kernels.moving.as_ref().filter(|_| batch.is_moved);
+            pass.set_pipeline(moving.unwrap_or(&kernels.pose));
             pass.set_bind_group(0, &bound.pose, &[]);
             dispatch(&mut pass, batch, |job| job.vertex_count);
             if let (Some(kernels), Some(bind_group)) = (&kernels.refit, &bound.refit) {

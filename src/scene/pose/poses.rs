@@ -1,10 +1,11 @@
 //! Decides which objects have a copy of their mesh, and which are posed in a frame.
 
 use super::{
-    bounds::posed_bounds,
+    bounds::{enlarged, posed_bounds},
     extract::{ExtractedPoses, PoseSource, Rows},
     job::{Batch, PoseJob},
     kernels::{KernelCache, MOST_JOBS, PosePass},
+    vertex_shader::Motion,
 };
 use crate::{
     device::ReflectionTracer,
@@ -76,6 +77,8 @@ struct Posed {
     /// The last pose.
     matrices: Vec<Rows>,
     weights: Vec<f32>,
+    /// What the app's shader got, and the version of its inputs.
+    motion: Option<(Motion, u64)>,
     bounds: Bounds,
     revision: u64,
     /// Number of frames since its pose changed.
@@ -184,9 +187,15 @@ impl Poses {
             return changes;
         }
         self.frame += 1;
+        let has_shader = extracted.inputs.is_some();
+        let is_moving = has_shader
+            && self
+                .kernels
+                .get(inputs.cache, true)
+                .is_some_and(|kernels| kernels.moving.is_some());
         let mut candidates = Vec::new();
         for (index, source) in extracted.sources.iter().enumerate() {
-            let candidate = self.observe(source, extracted, instances, meshes, &mut changes);
+            let candidate = self.observe(source, extracted, is_moving, instances, meshes, &mut changes);
             candidates.extend(candidate.map(|(vertices, rank)| Candidate {
                 source: index,
                 vertices,
@@ -200,11 +209,11 @@ impl Poses {
         if candidates.is_empty() {
             return changes;
         }
-        if self.kernels.get(inputs.cache).is_none() {
+        if self.kernels.get(inputs.cache, has_shader).is_none() {
             return changes;
         }
         select(&mut candidates, extracted.vertices_per_frame);
-        let mut batch = Batch::default();
+        let mut batch = Batch::new(extracted.inputs.as_ref());
         let pass = self.pass.get_or_insert_with(|| PosePass::new(device));
         for candidate in &candidates {
             let source = &extracted.sources[candidate.source];
@@ -213,7 +222,7 @@ impl Poses {
             };
             if posed.make_room(meshes, queue, source.slot, &mut changes)
                 && let Some(mesh) = meshes.get(posed.mesh)
-                && posed.add_job(source, extracted, mesh, &mut batch)
+                && posed.add_job(source, extracted, is_moving, mesh, &mut batch)
             {
                 self.next_revision += 1;
                 posed.revision = self.next_revision;
@@ -249,7 +258,10 @@ impl Poses {
         commands: &mut PendingCommandBuffers,
     ) {
         let batch = core::mem::take(&mut self.batch);
-        let (Some(pass), Some(kernels)) = (&mut self.pass, self.kernels.get(inputs.cache)) else {
+        let (Some(pass), Some(kernels)) = (
+            &mut self.pass,
+            self.kernels.get(inputs.cache, inputs.extracted.inputs.is_some()),
+        ) else {
             return;
         };
         if batch.jobs.is_empty() {
@@ -266,11 +278,13 @@ impl Poses {
         commands.push_encoder(encoder, "glint_pose");
     }
 
-    /// Records that an object exists. Returns the number of its vertices and its rank if its pose is outdated.
+    /// Records that an object exists. Returns the number of its vertices and its rank if its pose is outdated. `is_moving` is true if the
+    /// app's shader can run.
     fn observe(
         &mut self,
         source: &PoseSource,
         extracted: &ExtractedPoses,
+        is_moving: bool,
         instances: &SceneInstances,
         meshes: &mut SceneMeshes,
         changes: &mut PoseChanges,
@@ -287,6 +301,7 @@ impl Poses {
             room: None,
             matrices: Vec::new(),
             weights: Vec::new(),
+            motion: None,
             bounds: Bounds::EMPTY,
             revision: 0,
             waiting: 0,
@@ -306,14 +321,17 @@ impl Poses {
             Entry::Vacant(entry) => entry.insert(fresh()),
         };
         posed.seen = self.frame;
-        if source.is_unknown {
+        // While the app's shader is being compiled again, vertices stay where it has moved them.
+        let must_wait = source.motion.is_some() && posed.motion.is_some() && !is_moving;
+        if source.is_unknown || must_wait {
             return None;
         }
+        let motion = motion(source, extracted, is_moving);
         let has_changed = if posed.room.is_some() {
-            posed.matrices != matrices || posed.weights != weights
+            posed.matrices != matrices || posed.weights != weights || posed.motion != motion
         } else {
             // As long as nothing moves its vertices, the asset's mesh is correct.
-            !matrices.is_empty() || weights.iter().any(|weight| *weight != 0.0)
+            !matrices.is_empty() || weights.iter().any(|weight| *weight != 0.0) || motion.is_some()
         };
         if !has_changed {
             posed.waiting = 0;
@@ -366,6 +384,7 @@ impl Posed {
         &mut self,
         source: &PoseSource,
         extracted: &ExtractedPoses,
+        is_moving: bool,
         mesh: &SceneMesh,
         batch: &mut Batch,
     ) -> bool {
@@ -377,7 +396,11 @@ impl Posed {
         self.matrices.extend_from_slice(matrices);
         self.weights.clear();
         self.weights.extend_from_slice(weights);
+        self.motion = motion(source, extracted, is_moving);
         self.bounds = posed_bounds(deformation, matrices, weights);
+        if let Some((motion, _)) = &self.motion {
+            self.bounds = enlarged(self.bounds, motion.reach());
+        }
         let mut job = PoseJob {
             bounds_min: self.bounds.min,
             bounds_max: self.bounds.max,
@@ -390,6 +413,9 @@ impl Posed {
             vertex_count: mesh.vertex_count,
             ..PoseJob::default()
         };
+        if let (Some((motion, _)), Some(inputs)) = (&self.motion, &extracted.inputs) {
+            batch.move_vertices(&mut job, &motion.words(inputs.seconds));
+        }
         if let (Some((tree, first_triangle)), Some(source)) = (&room.tree, &mesh.bvh) {
             job.source_node = source.first_node;
             job.posed_node = tree.base() / ITEM_WORDS;
@@ -418,6 +444,12 @@ fn pose<'a>(source: &PoseSource, extracted: &'a ExtractedPoses, mesh: &SceneMesh
         if has_joints { matrices } else { &[] },
         &weights[..weights.len().min(targets)],
     )
+}
+
+/// What the app's shader gets of an object, if it runs.
+fn motion(source: &PoseSource, extracted: &ExtractedPoses, is_moving: bool) -> Option<(Motion, u64)> {
+    let inputs = extracted.inputs.as_ref().filter(|_| is_moving)?;
+    Some((source.motion?, inputs.version))
 }
 
 /// Keeps the first candidates within the budget, and at least one unless the budget is 0.

@@ -1,21 +1,25 @@
 //! Compares vertices and trees that the GPU poses with CPU versions.
 
 use super::{
-    bounds::posed_bounds,
+    bounds::{enlarged, posed_bounds},
     extract::Rows,
     job::{Batch, PoseJob},
     kernels::{Kernels, PosePass, RefitKernels, level_layout, pose_layout, refit_layout},
     poses::posed_header,
+    vertex_shader::{Inputs, Motion},
 };
-use crate::scene::{
-    acceleration::rows,
-    bvh::{Blas, Bounds, BvhQuality, Item, build_posable_blas},
-    geometry::{BASE_ALIGNMENT, HEADER_WORDS, PackedMesh, pack_mesh},
-    test_gpu,
+use crate::{
+    scene::{
+        acceleration::rows,
+        bvh::{Blas, Bounds, BvhQuality, Item, build_posable_blas},
+        geometry::{BASE_ALIGNMENT, HEADER_WORDS, PackedMesh, pack_mesh},
+        test_gpu,
+    },
+    settings::ReflectedVertices,
 };
 use bevy::{
     asset::RenderAssetUsages,
-    math::{Affine3A, DMat4, DVec3, Quat, Vec2, Vec3},
+    math::{Affine3A, DMat4, DVec3, Quat, Vec2, Vec3, Vec4},
     mesh::{Indices, Mesh, PrimitiveTopology, VertexAttributeValues, morph::MorphAttributes, octahedral_decode_signed},
     render::{
         render_resource::{
@@ -26,21 +30,35 @@ use bevy::{
     },
 };
 
+/// Uses all that the app's shader gets.
+const APP_VERTEX: &str = "
+    import package::scene::pose::vertex::{app_uniform, VertexPoint, WorldVertex};
+
+    fn reflected_vertex(vertex: WorldVertex, at: VertexPoint) -> WorldVertex {
+        let sum = at.parameters.xyz * at.seconds + app_uniform(1u).xyz + app_uniform(2u).xyz
+            + vec3(at.uv, f32(at.index)) + at.color.rgb + at.world_from_object[3].xyz;
+        return WorldVertex(vertex.position + 0.01 * sum, vertex.normal.zxy);
+    }
+";
+
 fn pipeline(
     device: &RenderDevice,
     main: &'static str,
     entry_point: &str,
     layouts: &[&BindGroupLayout],
+    flags: &[&'static str],
 ) -> ComputePipeline {
     let modules = [
         ("common/numeric.wesl", include_str!("../../common/numeric.wesl")),
         ("common/octahedral.wesl", include_str!("../../common/octahedral.wesl")),
         ("scene/pose/job.wesl", include_str!("job.wesl")),
+        ("scene/pose/vertex.wesl", include_str!("vertex.wesl")),
+        ("scene/pose/app_vertex.wesl", APP_VERTEX),
         ("scene/types.wesl", include_str!("../types.wesl")),
     ];
     let module = device.create_and_validate_shader_module(ShaderModuleDescriptor {
         label: None,
-        source: ShaderSource::Wgsl(test_gpu::link(main, &modules, &[]).into()),
+        source: ShaderSource::Wgsl(test_gpu::link(main, &modules, flags).into()),
     });
     let layouts: Vec<Option<&wgpu::BindGroupLayout>> = layouts.iter().map(|layout| Some(&***layout)).collect();
     let layout = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
@@ -67,10 +85,21 @@ fn kernels(device: &RenderDevice) -> Kernels {
             include_str!("refit.wesl"),
             entry_point,
             &[&layout, &level_layout],
+            &[],
+        )
+    };
+    let pose = |flags: &[&'static str]| {
+        pipeline(
+            device,
+            include_str!("pose.wesl"),
+            "pose_vertices",
+            &[&pose_layout],
+            flags,
         )
     };
     Kernels {
-        pose: pipeline(device, include_str!("pose.wesl"), "pose_vertices", &[&pose_layout]),
+        pose: pose(&[]),
+        moving: Some(pose(&["VERTEX_SHADER"])),
         refit: Some(RefitKernels {
             triangles: refit("pose_triangles"),
             nodes: refit("fit_level"),
@@ -183,6 +212,7 @@ impl Subject {
             level_count: levels.len() as u32 - 1,
             boxes: batch.boxes,
             vertex_count: packed.vertex_count,
+            ..PoseJob::default()
         };
         batch.boxes += blas.node_count;
         batch.jobs.push(job);
@@ -413,6 +443,83 @@ fn vertices_and_trees_follow_the_pose() {
         assert_eq!(words[source.clone()], geometry[source], "the mesh of the asset stays");
     }
     assert!(subjects[3].blas.levels().len() > subjects[2].blas.levels().len());
+}
+
+#[test]
+fn the_apps_shader_moves_vertices_in_world_space() {
+    let Some((device, queue)) = test_gpu::device() else {
+        return;
+    };
+    let inputs = Inputs {
+        seconds: 2.5,
+        uniforms: vec![Vec4::splat(9.0), Vec4::new(1.0, -2.0, 3.0, 0.0)],
+        version: 1,
+    };
+    let (mut geometry, mut bvh, mut batch) = (vec![7; 30], vec![Item::default(); 5], Batch::new(Some(&inputs)));
+    let skin = vec![Affine3A::from_rotation_x(0.3), Affine3A::from_translation(Vec3::Y)];
+    let mut mesh = sheet(9, 3, true);
+    let uv = |i: u8| [0.1 * f32::from(i), 2.0 - 0.2 * f32::from(i)];
+    let color = |i: u8| [0.5, f32::from(i) / 32.0, 0.25, 1.0];
+    mesh.insert_attribute(Mesh::ATTRIBUTE_UV_0, (0..27).map(uv).collect::<Vec<_>>());
+    mesh.insert_attribute(Mesh::ATTRIBUTE_COLOR, (0..27).map(color).collect::<Vec<_>>());
+    let subject = Subject::new(&mesh, skin, 0.6, (&mut geometry, &mut bvh), &mut batch);
+    let still = Subject::new(&sheet(5, 4, false), vec![], 0.4, (&mut geometry, &mut bvh), &mut batch);
+    let place = Affine3A::from_scale_rotation_translation(
+        Vec3::new(2.0, 0.5, 1.0),
+        Quat::from_rotation_y(0.7),
+        Vec3::new(4.0, 5.0, -6.0),
+    );
+    let parameters = Vec4::new(3.0, 0.0, -7.0, 1.0);
+    let vertices = ReflectedVertices { reach: 1.0, parameters };
+    let motion = Motion::new(place, &vertices).unwrap();
+    let mut jobs = core::mem::take(&mut batch.jobs);
+    batch.move_vertices(&mut jobs[0], &motion.words(inputs.seconds));
+    let bounds = Bounds {
+        min: jobs[0].bounds_min,
+        max: jobs[0].bounds_max,
+    };
+    let bounds = enlarged(bounds, motion.reach());
+    [jobs[0].bounds_min, jobs[0].bounds_max] = [bounds.min, bounds.max];
+    batch.jobs = jobs;
+    let buffer = |contents: &[u8]| -> Buffer {
+        device.create_buffer_with_data(&BufferInitDescriptor {
+            label: None,
+            contents,
+            usage: BufferUsages::STORAGE | BufferUsages::COPY_SRC,
+        })
+    };
+    let buffers = [
+        buffer(bytemuck::cast_slice(&geometry)),
+        buffer(bytemuck::cast_slice(&bvh)),
+    ];
+    let mut pass = PosePass::new(&device);
+    assert!(pass.reserve(&batch, &device));
+    let encoder = pass.record(&batch, &kernels(&device), buffers.each_ref(), None, &device, &queue);
+    queue.submit([encoder.finish()]);
+    let words = test_gpu::read(&device, &queue, &buffers[0]);
+    still.check_vertices(&words);
+
+    let posed = &words[subject.job.posed as usize..];
+    let world_from_object = DMat4::from(place.as_daffine3());
+    let linear = bevy::math::DMat3::from_mat4(world_from_object);
+    for vertex in 0..27_u8 {
+        let [position, normal, _] = subject.expected(vertex.into());
+        let ([u, v], [red, green, blue, _]) = (uv(vertex), color(vertex));
+        let sum = parameters.truncate() * 2.5
+            + Vec3::new(1.0, -2.0, 3.0)
+            + Vec3::new(u, v, vertex.into())
+            + Vec3::new(red, green, blue)
+            + Vec3::from(place.translation);
+        let moved = world_from_object.transform_point3(position) + 0.01 * sum.as_dvec3();
+        let expected = world_from_object.inverse().transform_point3(moved);
+        let found = [0, 1, 2].map(|axis| f32::from_bits(posed[12 + 3 * usize::from(vertex) + axis]));
+        let found = Vec3::from(found).as_dvec3();
+        assert!((found - expected).length() < 1e-3, "{found} for {expected}");
+        let turned = (linear.inverse().transpose() * normal).normalize();
+        let expected = (linear.transpose() * DVec3::new(turned.z, turned.x, turned.y)).normalize();
+        let found = decode_normal(posed[posed[5] as usize + usize::from(vertex)]);
+        assert!((found - expected).length() < 2e-3, "{found} for {expected}");
+    }
 }
 
 #[test]
