@@ -108,11 +108,11 @@ mod tests {
         found
     }
 
-    /// Returns whether a literal is a sentence for users, or a part of one. Lists of names and reasons for the compiler aren't.
+    /// Returns whether a literal is a sentence for users, or a part of one. Lists of names, reasons for the compiler and code of shaders aren't.
     fn is_message(before: &str, text: &str) -> bool {
         let words = text.split_whitespace().count();
         let listed = text.split_whitespace().filter(|word| word.ends_with(',')).count();
-        let other = ["reason =", "must_use =", "panic!("];
+        let other = ["reason =", "must_use =", "panic!(", "source:"];
         words >= 4 && 2 * listed <= words && !other.iter().any(|end| before.trim_end().ends_with(end))
     }
 

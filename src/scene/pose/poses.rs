@@ -234,9 +234,7 @@ impl Poses {
         if pass.reserve(&batch, device) {
             self.batch = batch;
         } else {
-            warn_once!(
-                "skinned meshes keep their pose in reflections, since the device has no memory left to pose them"
-            );
+            warn_once!("meshes keep their pose in reflections, since the device has no memory left to pose them");
             for slot in changes.posed.drain(..) {
                 if let Some(posed) = self.posed.get_mut(&slot) {
                     release(posed.room.take(), meshes);
@@ -371,7 +369,7 @@ impl Posed {
                 changes.switched.push(slot);
             } else {
                 warn_once!(
-                    "a skinned mesh is reflected in its bind pose, since meshes leave no room in the largest buffer of this device; \
+                    "a mesh is reflected at rest or in its bind pose, since meshes leave no room in the largest buffer of this device; \
                      use fewer or smaller meshes, or keep some out with `NotReflected`"
                 );
             }
