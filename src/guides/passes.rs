@@ -10,7 +10,7 @@ use crate::{
     settings::ReflectionView,
     targets::attachment,
     trace::{PassResources, PassView},
-    view::{ReflectionTextures, RefusedViews, ViewCulling},
+    view::{GuideMemory, ReflectionTextures, RefusedViews, ViewCulling},
 };
 use bevy::{
     core_pipeline::prepass::ViewPrepassTextures,
@@ -93,7 +93,9 @@ pub(super) fn prepare_guides(
         });
         let Some((_, textures)) = wanted else {
             if guides.is_some() {
-                commands.entity(entity).remove::<ReflectionGuideTextures>();
+                commands
+                    .entity(entity)
+                    .remove::<(ReflectionGuideTextures, GuideMemory)>();
             }
             continue;
         };
@@ -101,7 +103,9 @@ pub(super) fn prepare_guides(
         match guides {
             Some(mut guides) if guides.capacity() == capacity => guides.size = size,
             _ if waiting.is_some() => {
-                commands.entity(entity).remove::<ReflectionGuideTextures>();
+                commands
+                    .entity(entity)
+                    .remove::<(ReflectionGuideTextures, GuideMemory)>();
             }
             _ => match try_allocate(&device, || ReflectionGuideTextures::new(&device, size, capacity)) {
                 Some(guides) => {
@@ -111,7 +115,9 @@ pub(super) fn prepare_guides(
                     warn_once!("`ReflectionGuides` get no textures as long as the device lacks memory for them");
                     refused.note_shortage();
                     waiting.get_or_insert_default().begin();
-                    commands.entity(entity).remove::<ReflectionGuideTextures>();
+                    commands
+                        .entity(entity)
+                        .remove::<(ReflectionGuideTextures, GuideMemory)>();
                 }
             },
         }

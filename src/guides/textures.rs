@@ -1,6 +1,6 @@
 //! The textures of a view.
 
-use crate::targets::create_texture;
+use crate::{targets::create_texture, view::GuideMemory};
 use bevy::{
     ecs::component::Component,
     math::UVec2,
@@ -23,7 +23,6 @@ pub(super) const FORMATS: [TextureFormat; 3] = [
 /// [`ReflectionSystems::Passes`](crate::ReflectionSystems::Passes) fills them in each frame. Read them in `Core3d` after it. Pixel (0, 0) is
 /// the first pixel of the camera's viewport. The textures can be larger than the view, which occupies their first [`size`](Self::size)
 /// texels. They are 0 in frames in which nothing is traced, such as those of cameras that see nothing reflective.
-/// [`ReflectionViewMemory`](crate::ReflectionViewMemory) doesn't count them.
 #[derive(Component, Clone, Debug)]
 pub struct ReflectionGuideTextures {
     /// `Rg16Float`: how far the reflected image moved on the screen since the last frame, as a fraction of the view, with the convention
@@ -35,8 +34,7 @@ pub struct ReflectionGuideTextures {
     /// traced.
     pub hit_distance: TextureView,
     /// `R8Unorm`: from 0, where the history of a pixel is valid at its motion vector, to 1, where a bright and sharp reflection doesn't
-    /// follow its surface: its image moves differently, or it shows something that moves. Objects that move before a mirror with
-    /// [rays of its own](crate::RayTracedReflections::full_resolution_mirrors) don't count.
+    /// follow its surface: its image moves differently, or it shows something that moves.
     pub reactive_mask: TextureView,
     /// Pixels of the view.
     pub size: UVec2,
@@ -45,23 +43,27 @@ pub struct ReflectionGuideTextures {
 }
 
 impl ReflectionGuideTextures {
-    pub(super) fn new(device: &RenderDevice, size: UVec2, capacity: UVec2) -> Self {
-        let texture = |format, label| {
+    /// The textures and their memory.
+    pub(super) fn new(device: &RenderDevice, size: UVec2, capacity: UVec2) -> (Self, GuideMemory) {
+        let mut memory = GuideMemory::default();
+        let mut texture = |format, label| {
             let usage = TextureUsages::RENDER_ATTACHMENT | TextureUsages::COPY_SRC;
-            let (texture, _) = create_texture(device, capacity, format, usage, label);
+            let (texture, bytes) = create_texture(device, capacity, format, usage, label);
+            memory.0.push((label, bytes));
             texture.create_view(&TextureViewDescriptor {
                 label: Some(label),
                 ..Default::default()
             })
         };
         let [motion, distance, mask] = FORMATS;
-        Self {
+        let textures = Self {
             specular_motion: texture(motion, "glint_specular_motion"),
             hit_distance: texture(distance, "glint_hit_distance"),
             reactive_mask: texture(mask, "glint_reactive_mask"),
             size,
             capacity,
-        }
+        };
+        (textures, memory)
     }
 
     /// Pixels of the textures.

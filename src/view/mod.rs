@@ -18,7 +18,7 @@ pub use culling::ViewCulling;
 pub use textures::ReflectionTextures;
 pub use uniform::GpuReflectionView;
 
-pub(crate) use prepare::{MoreMemory, PreparedView, RefusedViews, Surroundings};
+pub(crate) use prepare::{GuideMemory, MoreMemory, PreparedView, RefusedViews, Surroundings};
 pub(crate) use uniform::Frame;
 
 use crate::{device::tracing_app, schedule::ReflectionSystems};

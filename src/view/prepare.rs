@@ -249,25 +249,47 @@ impl MoreMemory {
     }
 }
 
+/// Label and bytes of the textures of a view that describe its reflections.
+#[derive(Component, Clone, Debug, Default)]
+pub(crate) struct GuideMemory(pub Vec<(&'static str, u64)>);
+
+impl GuideMemory {
+    fn bytes(&self) -> u64 {
+        self.0.iter().map(|(_, bytes)| bytes).sum()
+    }
+}
+
 /// Reports the memory of views to the main world.
 pub(super) fn publish_memory(
-    views: Query<(&MainEntity, &ReflectionTextures, Option<&MoreMemory>)>,
+    views: Query<(
+        &MainEntity,
+        &ReflectionTextures,
+        Option<&MoreMemory>,
+        Option<&GuideMemory>,
+    )>,
     status: Res<ReflectionStatus>,
     mut published: Local<Vec<(Entity, u64)>>,
 ) {
-    let present = views.iter().map(|(camera, textures, more)| {
-        let bytes = textures.bytes() + more.map_or(0, MoreMemory::bytes);
+    let present = views.iter().map(|(camera, textures, more, guides)| {
+        let bytes = textures.bytes() + more.map_or(0, MoreMemory::bytes) + guides.map_or(0, GuideMemory::bytes);
         (camera.id(), bytes)
     });
     if present.clone().eq(published.iter().copied()) {
         return;
     }
     *published = present.collect();
-    let view_memory = views.iter().map(|(entity, textures, more)| ReflectionViewMemory {
-        camera: entity.id(),
-        pixels: u64::from(textures.size().x) * u64::from(textures.size().y),
-        parts: [&textures.targets.memory[..], more.map_or(&[], |more| &more.0)].concat(),
-        front_layer_bytes: more.map_or(0, MoreMemory::bytes),
-    });
+    let view_memory = views
+        .iter()
+        .map(|(entity, textures, more, guides)| ReflectionViewMemory {
+            camera: entity.id(),
+            pixels: u64::from(textures.size().x) * u64::from(textures.size().y),
+            parts: [
+                &textures.targets.memory[..],
+                more.map_or(&[], |more| &more.0),
+                guides.map_or(&[], |guides| &guides.0),
+            ]
+            .concat(),
+            front_layer_bytes: more.map_or(0, MoreMemory::bytes),
+        });
     status.update(|report| report.view_memory = view_memory.collect());
 }

@@ -3,7 +3,7 @@
 use crate::{
     common::app,
     pictures::warm_up,
-    stage::{BEFORE_THE_MIRROR, RED, SIZE, frame, metal, report, spawn_camera, spawn_mesh, unlit, wall},
+    stage::{BEFORE_THE_MIRROR, BLUE, RED, SIZE, frame, metal, report, spawn_camera, spawn_mesh, unlit, wall},
 };
 use bevy::{
     prelude::*,
@@ -81,6 +81,14 @@ impl Stage {
         let view = self.app.world().get::<RenderEntity>(self.camera)?.id();
         let world = self.app.app().sub_app(RenderApp).world();
         world.get::<ReflectionGuideTextures>(view).cloned()
+    }
+
+    /// Memory of the textures, as reported.
+    fn bytes(&mut self) -> u64 {
+        let labels = ["glint_specular_motion", "glint_hit_distance", "glint_reactive_mask"];
+        let parts = report(&mut self.app).view_memory.remove(0).parts;
+        let ours = parts.iter().filter(|(label, _)| labels.contains(label));
+        ours.map(|(_, bytes)| bytes).sum()
     }
 
     /// The bytes of the texel in the middle of the view.
@@ -163,14 +171,16 @@ fn a_rough_wall_moves_as_its_surface() {
 fn cameras_without_the_component_have_no_guides() {
     let Some(mut stage) = Stage::new(0.0) else { return };
     assert!(stage.guides().is_none());
-    assert_eq!(stage.pipelines(), 0, "nothing is compiled for others");
+    assert_eq!((stage.pipelines(), stage.bytes()), (0, 0), "others pay nothing");
     stage.app.world().entity_mut(stage.camera).insert(ReflectionGuides);
     warm_up(&mut stage.app);
     assert!(stage.guides().is_some());
     assert_eq!(stage.pipelines(), 1);
+    assert_eq!(stage.bytes(), 7 * u64::from(SIZE.x * SIZE.y));
     stage.app.world().entity_mut(stage.camera).remove::<ReflectionGuides>();
     stage.app.step(3);
     assert!(stage.guides().is_none(), "removed");
+    assert_eq!(stage.bytes(), 0);
     stage.app.world().entity_mut(stage.camera).insert(ReflectionGuides);
     stage.app.step(3);
     assert!(stage.guides().is_some(), "inserted again");
@@ -181,6 +191,32 @@ fn cameras_without_the_component_have_no_guides() {
         .remove::<RayTracedReflections>();
     stage.app.step(3);
     assert!(stage.guides().is_none(), "without reflections");
+}
+
+#[test]
+fn what_moves_before_a_mirror_is_reactive() {
+    let Some(mut stage) = Stage::with_guides(0.0) else {
+        return;
+    };
+    let before = Transform::from_xyz(0.0, 0.0, 6.0).looking_to(Vec3::Z, Vec3::Y);
+    let board = spawn_mesh(&mut stage.app, Rectangle::new(4.0, 4.0), unlit(BLUE), before);
+    // Mirrors with rays of their own, and without.
+    for own_rays in [true, false] {
+        let mut settings = stage.app.world().get_mut::<RayTracedReflections>(stage.camera).unwrap();
+        settings.full_resolution_mirrors = own_rays;
+        warm_up(&mut stage.app);
+        stage.app.step(8);
+        let [_, distance, mask] = stage.seen();
+        assert_near("distance", distance, 6.0, 0.01);
+        assert!(mask < 0.01, "own rays {own_rays}, at rest: {mask}");
+        for _ in 0..3 {
+            let mut place = stage.app.world().get_mut::<Transform>(board).unwrap();
+            place.translation.x += STEP;
+            stage.app.step(1);
+        }
+        let [_, _, mask] = stage.seen();
+        assert!(mask > 0.9, "own rays {own_rays}, moving: {mask}");
+    }
 }
 
 /// A camera that sees nothing reflective traces nothing.

@@ -256,15 +256,13 @@ impl Poses {
         commands: &mut PendingCommandBuffers,
     ) {
         let batch = core::mem::take(&mut self.batch);
-        let (Some(pass), Some(kernels)) = (
-            &mut self.pass,
-            self.kernels.get(inputs.cache, inputs.extracted.inputs.is_some()),
-        ) else {
-            return;
-        };
         if batch.jobs.is_empty() {
             return;
         }
+        let has_shader = inputs.extracted.inputs.is_some();
+        let (Some(pass), Some(kernels)) = (&mut self.pass, self.kernels.get(inputs.cache, has_shader)) else {
+            return;
+        };
         for room in posed.iter().filter_map(|slot| self.posed.get(slot)?.room.as_ref()) {
             meshes.geometry.begin_gpu_write(queue, &room.geometry);
             if let Some((tree, _)) = &room.tree {

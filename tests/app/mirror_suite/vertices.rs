@@ -10,7 +10,7 @@ use bevy::{
     asset::uuid_handle,
     pbr::{ExtendedMaterial, MaterialExtension},
     prelude::*,
-    render::render_resource::AsBindGroup,
+    render::render_resource::{AsBindGroup, CachedPipeline, PipelineCache, PipelineDescriptor},
     shader::{Shader, ShaderRef},
 };
 use bevy_glint::{ReflectedMaterialPlugin, ReflectedVertexShader, ReflectedVertices, ReflectionTracerChoice};
@@ -178,6 +178,16 @@ impl Stage<'_> {
     }
 }
 
+/// Kernels that pose meshes: compiled ones, and those that are being compiled.
+fn kernels(app: &HeadlessApp) -> usize {
+    let cache = app.render_world().unwrap().resource::<PipelineCache>();
+    let is_ours = |pipeline: &&CachedPipeline| {
+        matches!(&pipeline.descriptor, PipelineDescriptor::ComputePipelineDescriptor(kernel)
+            if kernel.label.as_deref().is_some_and(|label| label.starts_with("glint_pose")))
+    };
+    cache.pipelines().filter(is_ours).count()
+}
+
 /// Waits until the flags sway in reflections.
 fn await_flags(app: &mut HeadlessApp) {
     let start = Instant::now();
@@ -201,6 +211,7 @@ fn swaying_meshes_in_a_mirror_look_like_themselves() {
         println!("{tracer}, without the shader: FLIP {error:.4}");
         assert!(error > 2.0 * LIMIT, "{tracer}: the wind isn't seen: {error}");
         assert_eq!(report(stage.app).posed_instances, 0);
+        assert_eq!(kernels(stage.app), 0, "without the shader nothing is compiled");
 
         insert_shader(stage.app);
         stage.in_the_mirror();

@@ -1,4 +1,4 @@
-//! Cost of crowds: of characters, which are posed on the GPU in each frame, and of lamps, which hits sample.
+//! Cost of crowds: of characters and fields, which are posed on the GPU in each frame, and of lamps, which hits sample.
 
 use crate::{
     table::{Csv, number, quantile},
@@ -16,8 +16,8 @@ use bevy::{
     render::diagnostic::RenderDiagnosticsPlugin,
 };
 use bevy_glint::{
-    RayTracedReflections, RayTracedReflectionsPlugin, ReflectedPose, ReflectionStatus, ReflectionStatusReport,
-    ReflectionTechnique, ReflectionTracer, ReflectionTracerChoice,
+    RayTracedReflections, RayTracedReflectionsPlugin, ReflectedPose, ReflectedVertexShader, ReflectedVertices,
+    ReflectionStatus, ReflectionStatusReport, ReflectionTechnique, ReflectionTracer, ReflectionTracerChoice,
 };
 use glint_scenes::{HeadlessApp, HeadlessSettings, SystemClock};
 use std::collections::BTreeMap;
@@ -31,6 +31,17 @@ const JOINTS: usize = 8;
 const FRAME_LIMIT: u32 = 20_000;
 /// Warm-up frames.
 const WARM_UP_FRAMES: u32 = 10;
+
+/// Moves the vertices of the field.
+const WIND: &str = "
+    import bevy_glint::scene::pose::vertex::{VertexPoint, WorldVertex};
+
+    fn reflected_vertex(vertex: WorldVertex, at: VertexPoint) -> WorldVertex {
+        var moved = vertex;
+        moved.position.x += 0.3 * (1.0 - at.uv.y) * sin(3.0 * at.seconds + vertex.position.x);
+        return moved;
+    }
+";
 
 /// How large crowds are.
 pub struct Crowds {
@@ -76,6 +87,17 @@ pub fn measure(tracers: &[ReflectionTracerChoice], crowds: &Crowds, csv: &mut Cs
                 setup.set_pose(pose);
                 let measured = setup.measure(crowds.frames, walks)?;
                 measured.print(&format!("{} {name}", crowds.characters), word, csv);
+            }
+        }
+        if wants("field") {
+            let mut setup = Setup::new(tracer, crowds.size)?;
+            setup.spawn_field();
+            for (name, sways) in [("that stands", false), ("that sways", true)] {
+                if sways {
+                    setup.insert_wind();
+                }
+                let measured = setup.measure(crowds.frames, sways)?;
+                measured.print(&format!("a field of 200,000 triangles {name}"), word, csv);
             }
         }
         if wants("lamps") {
@@ -232,6 +254,42 @@ impl Setup {
             let parts = (Mesh3d(mesh.clone()), MeshMaterial3d(material.clone()), skin);
             self.characters.push(world.spawn(parts).id());
             self.joints.extend(&joints[1..]);
+        }
+    }
+
+    /// A field before a pond, as one mesh.
+    fn spawn_field(&mut self) {
+        let at = Transform::from_xyz(0.0, 0.0, -4.0);
+        self.spawn(
+            Plane3d::new(Vec3::Y, Vec2::splat(8.0)),
+            Color::srgb(0.02, 0.05, 0.05),
+            0.05,
+            at,
+        );
+        let sheet = Plane3d::new(Vec3::Z, Vec2::new(8.0, 1.0)).mesh().subdivisions(315);
+        let field = self.spawn(
+            sheet,
+            Color::srgb(0.4, 0.5, 0.2),
+            0.9,
+            Transform::from_xyz(0.0, 1.0, -12.0),
+        );
+        self.app.world().entity_mut(field).insert(ReflectedVertices::default());
+    }
+
+    /// Has the app's shader move the field.
+    fn insert_wind(&mut self) {
+        let shader = Shader::from_wesl(WIND, "bench/wind.wesl");
+        let shader = self.app.world().resource_mut::<Assets<Shader>>().add(shader);
+        self.app
+            .world()
+            .insert_resource(ReflectedVertexShader { shader, ..default() });
+        // Until it is compiled, nothing moves.
+        for _ in 0..FRAME_LIMIT {
+            if self.report().posed_instances > 0 {
+                break;
+            }
+            std::thread::sleep(std::time::Duration::from_millis(1));
+            self.app.step(1);
         }
     }
 
