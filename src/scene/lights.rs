@@ -74,6 +74,8 @@ pub struct ExtractedLights {
     restless: Vec<u32>,
     /// Lights with a mark.
     marked: Vec<u32>,
+    /// Number of lights that give no light at the moment, but keep their places.
+    dark: usize,
     /// Lights that only moved in this frame.
     moved: Vec<MovedLight>,
     /// Bevy's shaders support rectangle lights, which depends on Bevy's cargo feature `area_light_luts`.
@@ -141,11 +143,28 @@ impl ExtractedLights {
         } else {
             self.touched = Touched::All;
             self.change = Change::Unmarked;
+            self.dark = 0;
             self.marked.clear();
             self.moved.clear();
             self.restless.clear();
             self.restless.resize(self.lights.len(), 0);
         }
+    }
+
+    /// A light as it is while it gives no light: lamps that flicker keep their places, since a new list concerns all views.
+    fn darkened(&self, place: u32) -> GpuLight {
+        let light = self.lights[place as usize];
+        GpuLight {
+            color: [0.0; 3],
+            // No shadow rays for nothing.
+            flags: light.flags & !(LIGHT_RESTLESS | LIGHT_CASTS_SHADOW | LIGHT_VOLUMETRIC),
+            ..light
+        }
+    }
+
+    /// Returns whether so many lights are dark that a list without them is worth its cost.
+    fn has_many_dark(&self) -> bool {
+        self.dark > 16 + self.lights.len() / 4
     }
 
     /// Replaces one light. Call before [`Self::mark`].
@@ -158,8 +177,15 @@ impl ExtractedLights {
         if light == previous {
             return;
         }
+        self.dark = self.dark + usize::from(is_dark(&light)) - usize::from(is_dark(&previous));
+        let flags = if is_dark(&light) || is_dark(&previous) {
+            light.flags
+        } else {
+            previous.flags
+        };
         let in_its_color = GpuLight {
             color: light.color,
+            flags,
             ..previous
         };
         let restless = &mut self.restless[place as usize];
@@ -241,6 +267,11 @@ fn keep_strongest(lights: &mut Vec<GpuLight>) {
     order.truncate(MAX_LIGHTS);
     order.sort_unstable();
     *lights = order.into_iter().map(|index| lights[index]).collect();
+}
+
+/// Returns whether a light gives no light.
+fn is_dark(light: &GpuLight) -> bool {
+    light.color == [0.0; 3]
 }
 
 /// Brightness of a light from afar.

@@ -79,13 +79,13 @@ impl Known {
         }
     }
 
-    /// Finds lights that changed since the last frame. Returns false if a light was added or removed, or if one started or stopped
-    /// giving light.
+    /// Finds lights that changed since the last frame: `None` for one that stopped giving light. Returns false if a light was added or
+    /// removed, or if one without a place in the list started to give light.
     fn find_changes<L: Component>(
         &self,
         all: &Lights<L>,
         conversion: &Conversion<L>,
-        changed: &mut Vec<(u32, GpuLight)>,
+        changed: &mut Vec<(u32, Option<GpuLight>)>,
     ) -> bool {
         let Ok(tables) = all.contiguous_iter() else {
             return false;
@@ -120,8 +120,8 @@ impl Known {
                     let light = conversion.of(&sources[row], &transforms[row], visibilities[row], layers);
                     match (self.lights[first + row], light) {
                         (DARK, None) => {}
-                        (DARK, Some(_)) | (_, None) => return false,
-                        (place, Some(light)) => changed.push((place, light)),
+                        (DARK, Some(_)) => return false,
+                        (place, light) => changed.push((place, light)),
                     }
                 }
             }
@@ -195,7 +195,7 @@ pub struct KnownLights {
     rects: Known,
     /// Whether they include rectangles.
     with_rects: bool,
-    changed: Vec<(u32, GpuLight)>,
+    changed: Vec<(u32, Option<GpuLight>)>,
 }
 
 impl KnownLights {
@@ -210,7 +210,9 @@ impl KnownLights {
             return false;
         }
         for (place, light) in &mut *changed {
-            self.directional.dress(*place, light, world);
+            if let Some(light) = light {
+                self.directional.dress(*place, light, world);
+            }
         }
         self.points
             .find_changes(&world.points, &of(point_light, layers), changed)
@@ -279,11 +281,11 @@ pub fn extract_lights(
         *known = KnownLights::default();
         return;
     }
-    let is_other = known.with_rects != extracted.rects_shine || layers.changed;
+    let is_other = known.with_rects != extracted.rects_shine || layers.changed || extracted.has_many_dark();
     known.with_rects = extracted.rects_shine;
     if !is_other && known.directional.are_dressed(extracted.lights(), world) && known.find_changes(world, layers) {
         for (place, light) in &known.changed {
-            extracted.set(*place, *light);
+            extracted.set(*place, light.unwrap_or_else(|| extracted.darkened(*place)));
         }
         extracted.mark();
     } else {
@@ -298,7 +300,7 @@ mod tests {
     use crate::scene::{
         change::{Change, RESTLESS_FRAMES},
         gpu_types::{LIGHT_DIRECTIONAL, LIGHT_RESTLESS},
-        lights::Touched,
+        lights::{Touched, is_dark},
     };
     use bevy::{ecs::system::SystemState, math::Vec3};
 
@@ -381,7 +383,8 @@ mod tests {
                 flags: light.flags & !LIGHT_RESTLESS,
                 ..*light
             };
-            assert!(extracted.lights().iter().map(without_mark).eq(all), "step {step}");
+            let bright = extracted.lights().iter().filter(|light| !is_dark(light));
+            assert!(bright.map(without_mark).eq(all), "step {step}");
             let (touched, _) = extracted.take_changes(Vec3::ZERO);
             assert!(!stays || touched != Touched::All, "step {step}");
             match touched {
@@ -394,6 +397,44 @@ mod tests {
             }
             assert!(copy == extracted.lights(), "step {step}");
         }
+    }
+
+    /// A lamp that flickers to zero costs no more than one that changes its colour.
+    #[test]
+    fn lights_that_blink_keep_their_places() {
+        let mut world = World::new();
+        let mut state = SystemState::<LightWorld>::new(&mut world);
+        let layers = usual_layers();
+        let lamps: Vec<Entity> = (0..400).map(|index| spawn(&mut world, 4 * index + 1)).collect();
+        let (mut extracted, mut known) = (ExtractedLights::default(), KnownLights::default());
+        let mut frame = |world: &World| {
+            let lights = state.get(world).expect("all parameters are there");
+            extract_lights(&lights, true, &layers, &mut extracted, &mut known);
+            let dark = extracted.lights().iter().filter(|light| is_dark(light)).count();
+            (dark, extracted.lights().len(), extracted.take_changes(Vec3::ZERO))
+        };
+        let set = |world: &mut World, lamps: &[Entity], intensity: f32| {
+            for lamp in lamps {
+                world.get_mut::<PointLight>(*lamp).unwrap().intensity = intensity;
+            }
+        };
+        frame(&world);
+        // It casts shadows, which a dark one doesn't.
+        world.get_mut::<PointLight>(lamps[7]).unwrap().shadow_maps_enabled = true;
+        frame(&world);
+        for (intensity, dark) in [(0.0, 1), (9.0, 0), (0.0, 1)] {
+            set(&mut world, &lamps[7..8], intensity);
+            let expected = (Touched::Lights(vec![7]), Change::Marked);
+            let (found, all, (touched, change)) = frame(&world);
+            assert_eq!((found, all), (dark, 400));
+            assert_eq!(change, expected.1);
+            assert!(matches!(touched, Touched::Lights(lights) if lights.iter().all(|light| *light == 7)));
+        }
+        // If many stay dark, hits don't evaluate them any longer.
+        set(&mut world, &lamps[100..], 0.0);
+        assert_eq!(frame(&world).0, 301);
+        let (dark, all, (touched, _)) = frame(&world);
+        assert_eq!((dark, all, touched), (0, 99, Touched::All));
     }
 
     #[test]
