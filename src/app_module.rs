@@ -6,7 +6,7 @@
 use bevy::{
     asset::{AssetEvent, AssetId, Assets, uuid::Uuid},
     ecs::message::MessageReader,
-    log::warn_once,
+    log::warn,
     platform::collections::HashMap,
     render::render_resource::PipelineCache,
     shader::{Shader, ShaderImport, Source},
@@ -31,6 +31,8 @@ pub(crate) struct Place {
 pub(crate) struct AppModule {
     /// The shader asset.
     loaded: Option<AssetId<Shader>>,
+    /// The last shader that isn't a WESL module.
+    refused: Option<AssetId<Shader>>,
     /// Paths of modules that the renderer has: their number, and their source.
     modules: HashMap<String, (u128, String)>,
 }
@@ -55,25 +57,30 @@ impl AppModule {
             return false;
         }
         // A file that is imported can come late. Reads all events, so that none is seen twice.
-        let is_new =
-            |event: &AssetEvent<Shader>| matches!(event, AssetEvent::Added { .. } | AssetEvent::Modified { .. });
-        let is_new = events.read().filter(|event| is_new(event)).count() > 0;
-        if self.loaded == wanted && !is_new {
+        let (mut is_new, mut is_edited) = (false, false);
+        for event in events.read() {
+            if let AssetEvent::Added { id } | AssetEvent::Modified { id } = event {
+                is_new = true;
+                is_edited |= Some(*id) == wanted;
+            }
+        }
+        let is_late = wanted.is_some_and(|id| !shaders.contains(id));
+        // The last module stays until the next one is loaded.
+        if self.loaded == wanted && !is_new || is_late && self.is_there() {
             return false;
         }
         let before = self.loaded;
         self.loaded = wanted.filter(|id| {
             let Some(shader) = shaders.get(*id) else { return false };
-            if !matches!(shader.source, Source::Wesl(_)) {
-                warn_once!(
+            if !matches!(shader.source, Source::Wesl(_)) && self.refused.replace(*id) != Some(*id) {
+                warn!(
                     "`{}` is left out, since {} is not a WESL module: give its file the extension `wesl`",
-                    place.resource,
-                    shader.path
+                    place.resource, shader.path
                 );
             }
             matches!(shader.source, Source::Wesl(_))
         });
-        let mut changed = before != self.loaded;
+        let mut changed = before != self.loaded || is_edited;
         if let Some(shader) = self.loaded.and_then(|id| shaders.get(id)) {
             for (path, module) in copies(place, shader, shaders) {
                 changed |= self.set(place, path, module, cache);
@@ -129,7 +136,7 @@ fn copies(place: &Place, main: &Shader, shaders: &Assets<Shader>) -> Vec<(String
     let copies = found.into_iter().map(|(path, shader)| {
         let path = format!("embedded://bevy_glint/{}{}.wesl", place.folder, identifiers(path));
         let source = shader.source.as_str();
-        let source = source.replace("package::", &format!("package::{}::", place.folder));
+        let source = moved(source, place.folder);
         let mut module = Shader::from_wesl(source, path.clone());
         module.shader_defs.clone_from(&shader.shader_defs);
         (path, module)
@@ -137,6 +144,25 @@ fn copies(place: &Place, main: &Shader, shaders: &Assets<Shader>) -> Vec<(String
     let source = place.source.replace("{app}", &app);
     let module = Shader::from_wesl(source, place.path);
     copies.chain([(place.path.to_owned(), module)]).collect()
+}
+
+/// Source of a file of the asset folder that has moved into a folder of the library: paths from the root lead into that folder.
+fn moved(source: &str, folder: &str) -> String {
+    const ROOT: &str = "package::";
+    let mut result = String::with_capacity(source.len());
+    let mut rest = source;
+    while let Some(at) = rest.find(ROOT) {
+        let (before, after) = rest.split_at(at);
+        result.push_str(before);
+        result.push_str(ROOT);
+        let is_end = |c: char| c.is_alphanumeric() || c == '_';
+        if !before.ends_with(is_end) {
+            result.push_str(folder);
+            result.push_str("::");
+        }
+        rest = &after[ROOT.len()..];
+    }
+    result + rest
 }
 
 /// A path of a file as one whose parts can be written in an import. Other files can't name parts that aren't identifiers anyway.
@@ -203,6 +229,13 @@ mod tests {
                 ),
             ]
         );
+    }
+
+    #[test]
+    fn only_paths_from_the_root_move() {
+        let source = "import package::a::b; import my_package::c; fn f() { package::d::e(); }";
+        let expected = "import package::app::a::b; import my_package::c; fn f() { package::app::d::e(); }";
+        assert_eq!(moved(source, "app"), expected);
     }
 
     #[test]

@@ -74,7 +74,8 @@ pub struct ReflectionStatusReport {
     pub instances: usize,
     /// Objects that are missing from reflections because rays don't support their material type, each type with its number of objects.
     pub unseen: Vec<(String, usize)>,
-    /// Skinned and morphed objects that reflections show in their pose; each has a copy of its mesh.
+    /// Objects that reflections show in their pose: skinned and morphed ones, and those that a
+    /// [`ReflectedVertexShader`](crate::ReflectedVertexShader) moves. Each has a copy of its mesh.
     pub posed_instances: usize,
     /// Triangles of all meshes, each mesh counted once.
     pub triangles: u64,

@@ -278,10 +278,12 @@ impl SceneMeshes {
             || self.without_room.contains(&id)
     }
 
-    /// Returns whether objects that get another mesh can keep using this one for now. Posed meshes can't: joints and weights would be
-    /// those of the new mesh.
+    /// Returns whether objects that get another mesh can keep using this one for now. Skinned and morphed meshes can't: joints and weights
+    /// would be those of the new mesh.
     pub fn may_show(&self, id: AssetId<Mesh>) -> bool {
-        self.get(id).is_some_and(|mesh| mesh.deformation.is_none())
+        let is_plain = |deformation: &Deformation| deformation.joints.is_empty() && deformation.targets.is_empty();
+        self.get(id)
+            .is_some_and(|mesh| mesh.deformation.as_ref().is_none_or(is_plain))
     }
 
     /// Returns whether a mesh is ready, or never will be.

@@ -16,7 +16,8 @@ use crate::{
 };
 use bevy::{
     app::{App, Plugin, SubApp},
-    ecs::prelude::*,
+    ecs::{component::RequiredComponentsError, prelude::*},
+    log::warn,
     pbr::{Material, MeshMaterial3d},
     platform::collections::HashSet,
     render::ExtractSchedule,
@@ -90,7 +91,8 @@ impl<M: ReflectedMaterial> ReflectedMaterialPlugin<M> {
     }
 
     /// Use this for a type with a vertex shader that moves vertices: entities with such a material get this component, unless they have
-    /// one, so that [`ReflectedVertexShader`](crate::ReflectedVertexShader) moves their vertices in reflections.
+    /// one, so that [`ReflectedVertexShader`](crate::ReflectedVertexShader) moves their vertices in reflections. They keep it if they get
+    /// another material.
     ///
     /// # Examples
     ///
@@ -129,8 +131,15 @@ impl<M: ReflectedMaterial> Plugin for ReflectedMaterialPlugin<M> {
         see::<M>(app.world_mut());
         if let Some(vertices) = self.vertices {
             let component = move || vertices;
-            // It fails if the plugin was added twice. Then the first one counts.
-            _ = app.try_register_required_components_with::<MeshMaterial3d<M>, ReflectedVertices>(component);
+            let added = app.try_register_required_components_with::<MeshMaterial3d<M>, ReflectedVertices>(component);
+            match added {
+                // If the plugin was added twice, the first one counts.
+                Ok(()) | Err(RequiredComponentsError::DuplicateRegistration(..)) => {}
+                Err(error) => warn!(
+                    "entities with {} get no `ReflectedVertices`; add the plugin before they are spawned: {error}",
+                    M::short_type_path()
+                ),
+            }
         }
     }
 

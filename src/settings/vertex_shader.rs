@@ -36,8 +36,8 @@ use bevy::{
 /// them. An object that moves this way costs as much as a skinned mesh with the same number of vertices.
 ///
 /// The module is compiled as a part of the library, like that of [`ReflectedSurfaceShader`](crate::ReflectedSurfaceShader), and can have
-/// the same imports. Changes of the files are reloaded. Until it is compiled, and if it fails, meshes keep their last shape; the log contains
-/// the reason.
+/// the same imports. Changes of the files are reloaded. Until it is compiled, and if it fails, vertices move as the last module says that was
+/// compiled, or stand still; the log contains the reason.
 ///
 /// # Examples
 ///

@@ -128,6 +128,7 @@ pub fn extract_poses(
         return;
     }
     inputs.clone_from(&shader.and_then(VertexShader::inputs).cloned());
+    let is_wanted = shader.is_some_and(VertexShader::is_wanted);
     for (entity, mesh, skin, morph, pose, vertices, transform) in &world.posed {
         let Some((slot, source)) = instances.find(entity) else {
             continue;
@@ -164,26 +165,25 @@ pub fn extract_poses(
             continue;
         }
         if let Some(morph) = morph {
-            weights.extend(
-                world
-                    .morph_weights(morph)
-                    .iter()
-                    .map(|weight| if weight.abs() <= MAX_ENTRY { *weight } else { 0.0 }),
-            );
+            weights.extend(world.morph_weights(morph));
+        }
+        let motion = vertices
+            .filter(|_| is_wanted)
+            .and_then(|vertices| Motion::new(place, vertices));
+        if motion.is_some() {
+            meshes.make_posable(mesh.id());
         }
         sources.push(PoseSource {
             slot,
             entity,
             matrices: first_matrix..matrices.len(),
             weights: first_weight..weights.len(),
-            motion: vertices
-                .filter(|_| inputs.is_some())
-                .and_then(|vertices| Motion::new(place, vertices)),
+            motion,
             is_unknown,
             position: place.translation.into(),
         });
     }
-    if inputs.is_some() {
+    if is_wanted {
         sources.extend(world.moved(meshes, instances));
     }
     if !sources.is_empty() {
@@ -235,11 +235,15 @@ impl PoseWorld<'_, '_> {
         Some(place)
     }
 
-    fn morph_weights<'a>(&'a self, morph: &'a MeshMorphWeights) -> &'a [f32] {
-        match morph {
+    fn morph_weights<'a>(&'a self, morph: &'a MeshMorphWeights) -> impl Iterator<Item = f32> {
+        let weights = match morph {
             MeshMorphWeights::Value { weights } => weights,
-            MeshMorphWeights::Reference(entity) => self.weights.get(*entity).map_or(&[], MorphWeights::weights),
-        }
+            MeshMorphWeights::Reference(entity) => self.weights.get(*entity).map_or(&[][..], MorphWeights::weights),
+        };
+        let is_sound = |weight: f32| weight.abs() <= MAX_ENTRY;
+        weights
+            .iter()
+            .map(move |weight| if is_sound(*weight) { *weight } else { 0.0 })
     }
 }
 

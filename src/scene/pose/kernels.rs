@@ -39,8 +39,10 @@ pub(super) struct KernelCache {
     queued: Option<(CachedComputePipelineId, Option<[CachedComputePipelineId; 2]>)>,
     /// With the app's shader.
     moving: Option<CachedComputePipelineId>,
-    /// An error of the app's shader was logged.
-    told: bool,
+    /// The last of these that was compiled. It runs while the next one is compiled, or if that fails.
+    last_moving: Option<ComputePipeline>,
+    /// The error of the app's shader that was logged.
+    told: Option<String>,
     kernels: Option<Kernels>,
 }
 
@@ -49,6 +51,8 @@ pub(super) struct Kernels {
     pub pose: ComputePipeline,
     /// [`Self::pose`] with the app's shader; `None` without one, and until it is compiled.
     pub moving: Option<ComputePipeline>,
+    /// Changes with [`Self::moving`].
+    pub moving_version: u64,
     pub pose_layout: BindGroupLayout,
     /// Only for the BVH tracer.
     pub refit: Option<RefitKernels>,
@@ -70,14 +74,15 @@ impl KernelCache {
             tracer,
             queued: None,
             moving: None,
-            told: false,
+            last_moving: None,
+            told: None,
             kernels: None,
         }
     }
 
     /// Returns `None` while they are being compiled. `has_shader` is true if the app has a shader.
     pub fn get(&mut self, cache: &PipelineCache, has_shader: bool) -> Option<&Kernels> {
-        let moving = has_shader.then(|| self.moving(cache)).flatten();
+        let moving = if has_shader { self.moving(cache) } else { None };
         if self.kernels.is_none() {
             let (pose, refit) = *self.queued.get_or_insert_with(|| {
                 let queue = |label: &'static str, entry_point: &'static str, shader: &Handle<Shader>, layout| {
@@ -111,16 +116,19 @@ impl KernelCache {
             self.kernels = Some(Kernels {
                 pose: cache.get_compute_pipeline(pose)?.clone(),
                 moving: None,
+                moving_version: 0,
                 pose_layout: cache.get_bind_group_layout(&pose_layout()),
                 refit,
             });
         }
+        let id = |kernel: &Option<ComputePipeline>| kernel.as_ref().map(ComputePipeline::id);
         let kernels = self.kernels.as_mut()?;
+        kernels.moving_version += u64::from(id(&kernels.moving) != id(&moving));
         kernels.moving = moving;
         Some(kernels)
     }
 
-    /// The kernel with the app's shader. Logs an error of the shader once.
+    /// The kernel with the app's shader. Logs each error of the shader once.
     fn moving(&mut self, cache: &PipelineCache) -> Option<ComputePipeline> {
         let id = *self.moving.get_or_insert_with(|| {
             cache.queue_compute_pipeline(ComputePipelineDescriptor {
@@ -136,16 +144,23 @@ impl KernelCache {
             CachedPipelineState::Err(
                 ShaderCacheError::ShaderNotLoaded(_) | ShaderCacheError::ShaderImportNotYetAvailable,
             ) => {}
-            CachedPipelineState::Err(error) if !self.told => {
-                self.told = true;
-                error!(
-                    "the shader of `ReflectedVertexShader` failed, so that reflections show meshes without it: {error}"
-                );
+            CachedPipelineState::Err(error) => {
+                let error = error.to_string();
+                if self.told.as_ref() != Some(&error) {
+                    error!(
+                        "the shader of `ReflectedVertexShader` failed, so that reflections move vertices as the last one did, if \
+                         there was one: {error}"
+                    );
+                    self.told = Some(error);
+                }
             }
-            CachedPipelineState::Ok(_) => self.told = false,
             _ => {}
         }
-        cache.get_compute_pipeline(id).cloned()
+        if let Some(compiled) = cache.get_compute_pipeline(id) {
+            self.last_moving = Some(compiled.clone());
+            self.told = None;
+        }
+        self.last_moving.clone()
     }
 }
 

@@ -60,6 +60,9 @@ pub(in crate::scene) struct PosedTree {
     pub bounds: Bounds,
 }
 
+/// Versions of the inputs of the app's shader, and of its kernel.
+type MovingVersion = [u64; 2];
+
 /// The posed copy of a mesh.
 struct Room {
     geometry: ArenaSlice,
@@ -77,8 +80,8 @@ struct Posed {
     /// The last pose.
     matrices: Vec<Rows>,
     weights: Vec<f32>,
-    /// What the app's shader got, and the version of its inputs.
-    motion: Option<(Motion, u64)>,
+    /// What the app's shader got.
+    motion: Option<(Motion, MovingVersion)>,
     bounds: Bounds,
     revision: u64,
     /// Number of frames since its pose changed.
@@ -188,14 +191,14 @@ impl Poses {
         }
         self.frame += 1;
         let has_shader = extracted.inputs.is_some();
-        let is_moving = has_shader
-            && self
-                .kernels
-                .get(inputs.cache, true)
-                .is_some_and(|kernels| kernels.moving.is_some());
+        let moving = extracted.inputs.as_ref().and_then(|shader| {
+            let kernels = self.kernels.get(inputs.cache, true)?;
+            kernels.moving.as_ref()?;
+            Some([shader.version, kernels.moving_version])
+        });
         let mut candidates = Vec::new();
         for (index, source) in extracted.sources.iter().enumerate() {
-            let candidate = self.observe(source, extracted, is_moving, instances, meshes, &mut changes);
+            let candidate = self.observe(source, extracted, moving, instances, meshes, &mut changes);
             candidates.extend(candidate.map(|(vertices, rank)| Candidate {
                 source: index,
                 vertices,
@@ -222,7 +225,7 @@ impl Poses {
             };
             if posed.make_room(meshes, queue, source.slot, &mut changes)
                 && let Some(mesh) = meshes.get(posed.mesh)
-                && posed.add_job(source, extracted, is_moving, mesh, &mut batch)
+                && posed.add_job(source, extracted, moving, mesh, &mut batch)
             {
                 self.next_revision += 1;
                 posed.revision = self.next_revision;
@@ -274,13 +277,13 @@ impl Poses {
         commands.push_encoder(encoder, "glint_pose");
     }
 
-    /// Records that an object exists. Returns the number of its vertices and its rank if its pose is outdated. `is_moving` is true if the
-    /// app's shader can run.
+    /// Records that an object exists. Returns the number of its vertices and its rank if its pose is outdated. `moving` is `None` if
+    /// the app's shader can't run.
     fn observe(
         &mut self,
         source: &PoseSource,
         extracted: &ExtractedPoses,
-        is_moving: bool,
+        moving: Option<MovingVersion>,
         instances: &SceneInstances,
         meshes: &mut SceneMeshes,
         changes: &mut PoseChanges,
@@ -317,12 +320,10 @@ impl Poses {
             Entry::Vacant(entry) => entry.insert(fresh()),
         };
         posed.seen = self.frame;
-        // While the app's shader is being compiled again, vertices stay where it has moved them.
-        let must_wait = source.motion.is_some() && posed.motion.is_some() && !is_moving;
-        if source.is_unknown || must_wait {
+        if source.is_unknown {
             return None;
         }
-        let motion = motion(source, extracted, is_moving);
+        let motion = motion(source, moving);
         let has_changed = if posed.room.is_some() {
             posed.matrices != matrices || posed.weights != weights || posed.motion != motion
         } else {
@@ -380,7 +381,7 @@ impl Posed {
         &mut self,
         source: &PoseSource,
         extracted: &ExtractedPoses,
-        is_moving: bool,
+        moving: Option<MovingVersion>,
         mesh: &SceneMesh,
         batch: &mut Batch,
     ) -> bool {
@@ -392,7 +393,7 @@ impl Posed {
         self.matrices.extend_from_slice(matrices);
         self.weights.clear();
         self.weights.extend_from_slice(weights);
-        self.motion = motion(source, extracted, is_moving);
+        self.motion = motion(source, moving);
         self.bounds = posed_bounds(deformation, matrices, weights);
         if let Some((motion, _)) = &self.motion {
             self.bounds = enlarged(self.bounds, motion.reach());
@@ -443,9 +444,8 @@ fn pose<'a>(source: &PoseSource, extracted: &'a ExtractedPoses, mesh: &SceneMesh
 }
 
 /// What the app's shader gets of an object, if it runs.
-fn motion(source: &PoseSource, extracted: &ExtractedPoses, is_moving: bool) -> Option<(Motion, u64)> {
-    let inputs = extracted.inputs.as_ref().filter(|_| is_moving)?;
-    Some((source.motion?, inputs.version))
+fn motion(source: &PoseSource, moving: Option<MovingVersion>) -> Option<(Motion, MovingVersion)> {
+    source.motion.zip(moving)
 }
 
 /// Keeps the first candidates within the budget, and at least one unless the budget is 0.

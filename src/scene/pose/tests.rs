@@ -100,6 +100,7 @@ fn kernels(device: &RenderDevice) -> Kernels {
     Kernels {
         pose: pose(&[]),
         moving: Some(pose(&["VERTEX_SHADER"])),
+        moving_version: 0,
         refit: Some(RefitKernels {
             triangles: refit("pose_triangles"),
             nodes: refit("fit_level"),

@@ -33,6 +33,8 @@ const PLACE: Place = Place {
 #[derive(Resource, Default)]
 pub struct VertexShader {
     module: AppModule,
+    /// The app has the resource, perhaps before its shader is loaded.
+    is_wanted: bool,
     inputs: Inputs,
 }
 
@@ -46,6 +48,11 @@ pub(super) struct Inputs {
 }
 
 impl VertexShader {
+    /// Returns whether meshes will have to be posed.
+    pub(super) fn is_wanted(&self) -> bool {
+        self.is_wanted
+    }
+
     /// What the shader depends on; `None` if there is none.
     pub(super) fn inputs(&self) -> Option<&Inputs> {
         self.module.is_there().then_some(&self.inputs)
@@ -62,7 +69,12 @@ pub(in crate::scene) fn extract_vertex_shader(
     mut cache: ResMut<PipelineCache>,
 ) {
     let Some(mut state) = state else { return };
-    let VertexShader { module, inputs } = &mut *state;
+    let VertexShader {
+        module,
+        is_wanted,
+        inputs,
+    } = &mut *state;
+    *is_wanted = own.is_some();
     let wanted = own.as_ref().map(|own| own.shader.id());
     let is_new = module.follow(&PLACE, wanted, &shaders, &mut events, &mut cache);
     let Some(own) = &*own else { return };
@@ -103,6 +115,10 @@ impl Motion {
     pub fn reach(&self) -> Vec3 {
         let columns = self.object_from_world.matrix3;
         let rows = columns.transpose();
+        if self.reach == 0.0 {
+            // A length can be infinite.
+            return Vec3::ZERO;
+        }
         self.reach * Vec3::new(rows.x_axis.length(), rows.y_axis.length(), rows.z_axis.length())
     }
 

@@ -172,6 +172,32 @@ impl Stage<'_> {
         set_speed(self.app, 1.0);
     }
 
+    /// Sheets that get another mesh are seen with their last one until the new one is built.
+    fn swap_meshes(&mut self, tracer: ReflectionTracerChoice) {
+        let count = |stage: &Self| {
+            let picture = stage.app.capture().unwrap();
+            picture
+                .chunks_exact(4)
+                .filter(|pixel| pixel[0] > pixel[2].saturating_add(60))
+                .count()
+        };
+        let before = count(self);
+        let world = self.app.world();
+        let finer = Plane3d::new(Vec3::Z, Vec2::splat(0.5)).mesh().subdivisions(40);
+        let finer = world.resource_mut::<Assets<Mesh>>().add(finer);
+        let mut meshes = world.query_filtered::<&mut Mesh3d, With<ReflectedVertices>>();
+        meshes.iter_mut(world).for_each(|mut mesh| mesh.0 = finer.clone());
+        for frames in 0..60 {
+            frame(self.app);
+            let now = count(self);
+            assert!(
+                10 * now > 7 * before,
+                "{tracer}: {now} of {before} pixels after {frames} frames"
+            );
+        }
+        assert_eq!(report(self.app).posed_instances, 3);
+    }
+
     /// Both images of one moment.
     fn images_of_a_moment(&mut self) -> [Vec<u8>; 2] {
         set_speed(self.app, 0.0);
@@ -233,6 +259,7 @@ fn swaying_meshes_in_a_mirror_look_like_themselves() {
         }
 
         stage.follow_edits(tracer);
+        stage.swap_meshes(tracer);
         stage.app.world().remove_resource::<ReflectedVertexShader>();
         stage.app.step(3);
         assert_eq!(report(stage.app).posed_instances, 0, "all copies are freed");
