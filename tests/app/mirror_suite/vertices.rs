@@ -270,6 +270,7 @@ fn swaying_meshes_in_a_mirror_look_like_themselves() {
 const WORSE: f32 = 1.5;
 
 #[test]
+#[ignore = "long: hundreds of frames"]
 fn a_rough_floor_under_swaying_sheets_keeps_its_quality() {
     let Some(mut app) = swaying_app(ReflectionTracerChoice::Bvh) else {
         return;

@@ -17,8 +17,8 @@ use std::time::{Duration, Instant};
 
 /// The page and the native image must agree; the native program draws small images with small shadow maps.
 const QUERY: &str = "still=true&trilinear=true&panel=false&bar=false&technique=ultra&shadows=512";
-/// Limit of the mean FLIP between the page and the native program.
-const LIMIT: f32 = 0.03;
+/// Limit of the mean FLIP between the page and the native program: two runs had 0.0290 and 0.0295. The adapters filter textures differently.
+const LIMIT: f32 = 0.035;
 /// Minimum mean difference that reflections make, in steps of 8 bits.
 const CHANGE: f32 = 1.0;
 /// Share of this difference that can remain between two images without reflections: the clock is stopped.
