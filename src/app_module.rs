@@ -9,7 +9,7 @@ use bevy::{
     log::warn,
     platform::collections::HashMap,
     render::render_resource::PipelineCache,
-    shader::{Shader, ShaderImport, Source},
+    shader::{Shader, ShaderDefVal, ShaderImport, Source},
 };
 
 /// Where the app's module goes.
@@ -33,8 +33,8 @@ pub(crate) struct AppModule {
     loaded: Option<AssetId<Shader>>,
     /// The last shader that isn't a WESL module.
     refused: Option<AssetId<Shader>>,
-    /// Paths of modules that the renderer has: their number, and their source.
-    modules: HashMap<String, (u128, String)>,
+    /// Paths of modules that the renderer has: their number, source and definitions.
+    modules: HashMap<String, (u128, String, Vec<ShaderDefVal>)>,
 }
 
 impl AppModule {
@@ -92,10 +92,11 @@ impl AppModule {
     /// Passes a module to the renderer, if it is new. Returns whether it was.
     fn set(&mut self, place: &Place, path: String, module: Shader, cache: &mut PipelineCache) -> bool {
         let count = self.modules.len() as u128;
-        let (number, source) = self.modules.entry(path).or_insert((count, String::new()));
-        let is_new = source != module.source.as_str();
+        let (number, source, definitions) = self.modules.entry(path).or_insert((count, String::new(), Vec::new()));
+        let is_new = source != module.source.as_str() || *definitions != module.shader_defs;
         if is_new {
             module.source.as_str().clone_into(source);
+            definitions.clone_from(&module.shader_defs);
             let uuid = Uuid::from_u128(place.id + *number);
             cache.set_shader(AssetId::Uuid { uuid }, module);
         }
@@ -165,7 +166,7 @@ fn moved(source: &str, folder: &str) -> String {
     result + rest
 }
 
-/// A path of a file as one whose parts can be written in an import. Other files can't name parts that aren't identifiers anyway.
+/// Turns each part of a file's path into an identifier, since an import can't contain other words.
 fn identifiers(path: &str) -> String {
     let is_kept = |c: char| c == '_' || c.is_alphanumeric();
     let part = |part: &str| {

@@ -30,8 +30,8 @@ pub struct ReflectionGuideTextures {
     /// curvature of the reflector, not the motion of what is reflected. Where nothing is reflected, on rough surfaces, and on reflectors that
     /// move by themselves, it is the motion of the surface.
     pub specular_motion: TextureView,
-    /// `R16Float`: distance in metres from the surface to what it reflects: at most 60,000, which also means the sky, and 0 where nothing is
-    /// traced.
+    /// `R16Float`: distance in metres from the surface to the reflected point, at most 60,000. The sky has 60,000, and pixels without a ray
+    /// have 0.
     pub hit_distance: TextureView,
     /// `R8Unorm`: from 0, where the history of a pixel is valid at its motion vector, to 1, where a bright and sharp reflection doesn't
     /// follow its surface: its image moves differently, or it shows something that moves.

@@ -2,6 +2,7 @@
 
 mod arrival;
 pub(super) mod kept;
+mod merged;
 mod triangles;
 pub(super) mod upload;
 
@@ -490,30 +491,6 @@ impl SceneMeshes {
         }
     }
 
-    /// Allocates a merged tree: returns its name and its first item. A quarter of the buffer's maximum size is reserved for meshes.
-    pub(super) fn allocate_merged(&mut self, items: usize) -> Option<(u64, u32)> {
-        let words = words_of(items)?;
-        let limit = self.bvh.max_bytes() / 4 * 3;
-        if self.bvh.used_bytes() + u64::from(words) * 4 > limit {
-            return None;
-        }
-        let slice = self.bvh.allocate(words)?;
-        let (name, first) = (self.next_merged, slice.base() / ITEM_WORDS);
-        self.next_merged += 1;
-        self.merged.insert(name, slice);
-        Some((name, first))
-    }
-
-    /// Names of merged trees that keep the buffer large and should be rebuilt.
-    pub(super) fn stranded_merged(&self) -> Vec<u64> {
-        if !self.bvh.has_stranded_slices() {
-            return Vec::new();
-        }
-        let merged = self.merged.iter();
-        let stranded = merged.filter(|(_, slice)| self.bvh.is_stranded(slice));
-        stranded.map(|(name, _)| *name).collect()
-    }
-
     /// Meshes that keep a buffer large and should be rebuilt.
     fn stranded_meshes(&self) -> Vec<AssetId<Mesh>> {
         if !self.bvh.has_stranded_slices() && !self.geometry.has_stranded_slices() {
@@ -525,33 +502,6 @@ impl SceneMeshes {
         };
         let ready = self.ready.iter();
         ready.filter(|(_, mesh)| is_stranded(mesh)).map(|(id, _)| *id).collect()
-    }
-
-    /// Returns whether a merged tree can be written by now, or is lost.
-    pub(super) fn is_merged_in_reach(&self, name: u64) -> bool {
-        self.merged.get(&name).is_none_or(|slice| self.bvh.is_in_reach(slice))
-    }
-
-    /// Writes a part of a merged tree, starting at this word of it. Does nothing if the tree was lost.
-    pub(super) fn write_merged(&mut self, name: u64, first: usize, words: &[u32], queue: &RenderQueue) {
-        let Some(slice) = self.merged.get(&name) else { return };
-        let end = first.saturating_add(words.len());
-        if words.is_empty() || end > slice.words() as usize {
-            return;
-        }
-        self.bvh.write_from(queue, slice, first, words);
-    }
-
-    /// Frees the space of a merged tree, if it still has any.
-    pub(super) fn free_merged(&mut self, name: u64) {
-        if let Some(slice) = self.merged.remove(&name) {
-            self.bvh.free(slice);
-        }
-    }
-
-    /// Returns whether all merged trees were lost since the last call. If so, everything that refers to them must be rebuilt in this frame.
-    pub(super) fn take_merged_lost(&mut self) -> bool {
-        core::mem::take(&mut self.merged_lost)
     }
 }
 

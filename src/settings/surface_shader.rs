@@ -33,8 +33,8 @@ use bevy::{
 /// ranges. Position, alpha, and which triangles rays hit don't change.
 ///
 /// The module is compiled as a part of the library. It can import modules of `bevy_glint`, of Bevy, and modules that a crate embeds
-/// (`embedded_asset!`, by the crate's name). It can also import other files of the asset folder, of which the library gets a copy: they
-/// can't have bindings of their own. Changes of the files are reloaded. Until it is compiled, and if it fails, reflections show materials without it; the log contains the reason. While there is such a shader, compute
+/// (`embedded_asset!`, by the crate's name). It can also import other files of the asset folder, which the library copies. They can't
+/// have bindings of their own. Changes of the files are reloaded. Until it is compiled, and if it fails, reflections show materials without it; the log contains the reason. While there is such a shader, compute
 /// shaders replace hardware rates.
 ///
 /// # Examples

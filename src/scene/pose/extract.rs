@@ -79,7 +79,7 @@ type WithPose = (
     Or<(With<SkinnedMesh>, With<MeshMorphWeights>)>,
 );
 
-/// Entities without a pose, of which the app's shader moves the vertices. A stand-in for a posed mesh is one of them.
+/// Entities that the app's shader moves without a pose. Stand-ins for posed meshes are among them.
 type WithoutPose = Or<(With<ReflectedMesh3d>, (Without<SkinnedMesh>, Without<MeshMorphWeights>))>;
 /// Their components.
 type MovedQuery = (
@@ -194,7 +194,7 @@ pub fn extract_poses(
 }
 
 impl PoseWorld<'_, '_> {
-    /// Objects without a pose, of which the app's shader moves the vertices. Has their meshes built for that.
+    /// Objects that the app's shader moves without a pose. Requests meshes that can be posed.
     fn moved(&self, meshes: &mut SceneMeshes, instances: &SceneInstances) -> impl Iterator<Item = PoseSource> {
         self.moved.iter().filter_map(|(entity, vertices, pose, transform)| {
             let (slot, object) = instances.find(entity)?;

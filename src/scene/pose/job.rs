@@ -64,7 +64,7 @@ pub(super) struct Batch {
 }
 
 impl Batch {
-    /// An empty batch with what the app's shader depends on.
+    /// An empty batch with the inputs of the app's shader.
     pub fn new(inputs: Option<&Inputs>) -> Self {
         let mut batch = Self::default();
         if let Some(inputs) = inputs {

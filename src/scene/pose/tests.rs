@@ -26,7 +26,7 @@ use bevy::{
             BindGroupLayout, Buffer, BufferInitDescriptor, BufferUsages, ComputePipeline, PipelineCompilationOptions,
             RawComputePipelineDescriptor, ShaderModuleDescriptor, ShaderSource,
         },
-        renderer::RenderDevice,
+        renderer::{RenderDevice, RenderQueue},
     },
 };
 
@@ -390,6 +390,33 @@ fn decode_tangent(word: u32) -> DVec3 {
     octahedral_decode_signed(Vec2::new(x, y)).as_dvec3()
 }
 
+/// Poses a batch in buffers with these contents. Returns the words of both.
+fn pose(
+    batch: &Batch,
+    geometry: &[u32],
+    bvh: &[Item],
+    device: &RenderDevice,
+    queue: &RenderQueue,
+) -> (Vec<u32>, Vec<u32>) {
+    let buffer = |contents: &[u8]| -> Buffer {
+        device.create_buffer_with_data(&BufferInitDescriptor {
+            label: None,
+            contents,
+            usage: BufferUsages::STORAGE | BufferUsages::COPY_SRC,
+        })
+    };
+    let buffers = [
+        buffer(bytemuck::cast_slice(geometry)),
+        buffer(bytemuck::cast_slice(bvh)),
+    ];
+    let mut pass = PosePass::new(device);
+    assert!(pass.reserve(batch, device));
+    let encoder = pass.record(batch, &kernels(device), buffers.each_ref(), None, device, queue);
+    queue.submit([encoder.finish()]);
+    let [geometry, bvh] = buffers.map(|buffer| test_gpu::read(device, queue, &buffer));
+    (geometry, bvh)
+}
+
 #[test]
 fn vertices_and_trees_follow_the_pose() {
     let Some((device, queue)) = test_gpu::device() else {
@@ -411,31 +438,7 @@ fn vertices_and_trees_follow_the_pose() {
         (comb(), vec![], 0.0),
     ]
     .map(|(mesh, matrices, weight)| Subject::new(&mesh, matrices, weight, (&mut geometry, &mut bvh), &mut batch));
-    let buffer = |contents: &[u8]| -> Buffer {
-        device.create_buffer_with_data(&BufferInitDescriptor {
-            label: None,
-            contents,
-            usage: BufferUsages::STORAGE | BufferUsages::COPY_SRC,
-        })
-    };
-    let buffers = [
-        buffer(bytemuck::cast_slice(&geometry)),
-        buffer(bytemuck::cast_slice(&bvh)),
-    ];
-    let mut pass = PosePass::new(&device);
-    assert!(pass.reserve(&batch, &device));
-    let [posed_geometry, trees] = &buffers;
-    let encoder = pass.record(
-        &batch,
-        &kernels(&device),
-        [posed_geometry, trees],
-        None,
-        &device,
-        &queue,
-    );
-    queue.submit([encoder.finish()]);
-    let words = test_gpu::read(&device, &queue, posed_geometry);
-    let items = test_gpu::read(&device, &queue, trees);
+    let (words, items) = pose(&batch, &geometry, &bvh, &device, &queue);
     let items: &[Item] = bytemuck::cast_slice(&items);
     for subject in &subjects {
         let vertices = subject.check_vertices(&words);
@@ -482,22 +485,7 @@ fn the_apps_shader_moves_vertices_in_world_space() {
     let bounds = enlarged(bounds, motion.reach());
     [jobs[0].bounds_min, jobs[0].bounds_max] = [bounds.min, bounds.max];
     batch.jobs = jobs;
-    let buffer = |contents: &[u8]| -> Buffer {
-        device.create_buffer_with_data(&BufferInitDescriptor {
-            label: None,
-            contents,
-            usage: BufferUsages::STORAGE | BufferUsages::COPY_SRC,
-        })
-    };
-    let buffers = [
-        buffer(bytemuck::cast_slice(&geometry)),
-        buffer(bytemuck::cast_slice(&bvh)),
-    ];
-    let mut pass = PosePass::new(&device);
-    assert!(pass.reserve(&batch, &device));
-    let encoder = pass.record(&batch, &kernels(&device), buffers.each_ref(), None, &device, &queue);
-    queue.submit([encoder.finish()]);
-    let words = test_gpu::read(&device, &queue, &buffers[0]);
+    let (words, _) = pose(&batch, &geometry, &bvh, &device, &queue);
     still.check_vertices(&words);
 
     let posed = &words[subject.job.posed as usize..];

@@ -2,6 +2,7 @@
 
 use crate::{
     app_module::{AppModule, Place},
+    scene::acceleration::rows,
     settings::{ReflectedVertexShader, ReflectedVertices},
 };
 use bevy::{
@@ -124,11 +125,9 @@ impl Motion {
 
     /// Words for `PoseJob::motion`.
     pub fn words(&self, seconds: f32) -> [u32; 29] {
-        let rows =
-            [self.world_from_object, self.object_from_world].map(|affine| crate::scene::acceleration::rows(&affine));
         let mut words = [0.0; 29];
-        words[..12].copy_from_slice(&rows[0]);
-        words[12..24].copy_from_slice(&rows[1]);
+        words[..12].copy_from_slice(&rows(&self.world_from_object));
+        words[12..24].copy_from_slice(&rows(&self.object_from_world));
         words[24..28].copy_from_slice(&self.parameters.to_array());
         words[28] = seconds;
         words.map(f32::to_bits)
