@@ -53,7 +53,7 @@ pub use denoiser::ReflectionDenoiser;
 pub use front_layer::FrontLayerShader;
 pub use guides::ReflectionGuides;
 pub use heuristic::{
-    AdaptiveThresholds, CombinedThresholds, GrazingThresholds, RoughnessThresholds, ShadingRateHeuristic,
+    AdaptiveThresholds, CombinedThresholds, GrazingThresholds, RayPool, RoughnessThresholds, ShadingRateHeuristic,
     ShadingRateTileSize,
 };
 pub use pose::{ReflectedPose, ReflectedPoseBudget};

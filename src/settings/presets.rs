@@ -58,7 +58,10 @@ impl ReflectionPreset {
                     },
                     ..default
                 },
-                ShadingRateHeuristic::Adaptive(AdaptiveThresholds { error_target: 0.16 }),
+                ShadingRateHeuristic::Adaptive(AdaptiveThresholds {
+                    error_target: 0.16,
+                    ..AdaptiveThresholds::default()
+                }),
             ),
             Self::Medium => (default, ShadingRateHeuristic::default()),
             Self::High => (
