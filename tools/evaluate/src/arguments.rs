@@ -1,13 +1,13 @@
 //! The command line, and its jobs on this machine.
 
 use crate::{
-    job::{self, Job, SCENES, SceneSource, TECHNIQUES, TracerName, Variant},
+    job::{self, HELD_OUT_TECHNIQUES, HELD_OUT_VIEWS, Job, SCENES, SceneSource, TECHNIQUES, TracerName, Variant},
     machine::Machine,
     protocol::{DECOMPOSING_RUNS, PathFile, Protocol},
     techniques,
 };
 use clap::{Parser, ValueEnum};
-use glint_scenes::{CameraPlace, ImageSize, RecordedPath};
+use glint_scenes::{CameraPlace, ImageSize, RecordedPath, SceneName};
 use std::path::{self, PathBuf};
 
 /// Measure the cost of each technique and the error of its image.
@@ -20,6 +20,10 @@ pub struct Arguments {
     /// Built-in scenes, separated by commas (default: atrium, temple and street).
     #[arg(long, value_name = "NAMES", value_delimiter = ',')]
     pub scene: Vec<String>,
+    /// Measure scenes that settings aren't tuned on: all of them unless scenes are named, in two views each, with the techniques of one
+    /// comparison. Their table is also written to held_out.md.
+    #[arg(long)]
+    pub held_out: bool,
     /// A glTF file (.gltf or .glb), in place of or beside built-in scenes; can be given several times. Its own cameras are the views,
     /// unless others are given.
     #[arg(long, value_name = "FILE")]
@@ -221,7 +225,7 @@ impl Arguments {
             // At least five rounds, so that ratios get an interval.
             protocol.block = protocol.block.min(frames.div_ceil(5)).max(1);
         }
-        if let Some(views) = self.views {
+        if let Some(views) = self.views.or(self.held_out.then_some(HELD_OUT_VIEWS)) {
             protocol.views = views;
             protocol.still_views = protocol.still_views.min(views);
         }
@@ -266,6 +270,9 @@ impl Arguments {
 
     /// The techniques, in the order of tables.
     fn names(&self) -> Result<Vec<&'static str>, String> {
+        if self.techniques.is_empty() && self.held_out {
+            return Ok(HELD_OUT_TECHNIQUES.into());
+        }
         if self.techniques.is_empty() {
             return Ok(job::techniques(self.quick));
         }
@@ -293,7 +300,12 @@ impl Arguments {
             scenes.push(SceneSource::File(file));
         }
         if scenes.is_empty() {
-            scenes.extend(SCENES.map(|name| SceneSource::BuiltIn(name.to_owned())));
+            let names = if self.held_out {
+                &SceneName::HELD_OUT.map(SceneName::as_str)[..]
+            } else {
+                &SCENES
+            };
+            scenes.extend(names.iter().map(|name| SceneSource::BuiltIn((*name).to_owned())));
         }
         let mut names: Vec<String> = scenes.iter().map(SceneSource::name).collect();
         names.sort();

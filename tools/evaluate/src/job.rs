@@ -43,6 +43,11 @@ pub fn techniques(quick: bool) -> Vec<&'static str> {
 /// The built-in scenes that are measured unless others are named.
 pub const SCENES: [&str; 3] = ["atrium", "temple", "street"];
 
+/// The techniques that are measured in held-out scenes unless others are named.
+pub const HELD_OUT_TECHNIQUES: [&str; 5] = ["reference", "quarter", "vrs-roughness", "vrs-combined", "vrs-adaptive"];
+/// Views of each of these scenes, unless there is another number.
+pub const HELD_OUT_VIEWS: u32 = 2;
+
 /// A technique with a back end.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub struct Variant {

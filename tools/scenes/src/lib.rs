@@ -21,6 +21,7 @@ mod glass;
 mod gltf;
 #[cfg(not(target_arch = "wasm32"))]
 mod headless;
+mod held_out;
 mod image_size;
 mod materials;
 #[cfg(not(target_arch = "wasm32"))]

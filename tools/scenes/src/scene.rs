@@ -7,6 +7,7 @@ use crate::{
     demo,
     environment::{Environment, SceneOptions},
     glass::{self, Finish},
+    held_out::{arcade, bathroom, brushed, corridor, pedestal, pond, showroom},
     moving, shapes,
     sky::Sky,
     small, street, temple,
@@ -60,11 +61,25 @@ pub enum SceneName {
     /// The surfaces of [`Self::Glass`], opaque and black.
     #[strum(to_string = "black_glass", serialize = "black-glass")]
     BlackGlass,
+    /// A polished stone floor under a row of arches, in the sun.
+    Arcade,
+    /// Machine parts of brushed and cast metal under the lamps of a workshop.
+    Brushed,
+    /// Glossy wall tiles, chrome and a mirror.
+    Bathroom,
+    /// Dark water with waves, opaque, under trees.
+    Pond,
+    /// Cars with a clear coat under bright panels.
+    Showroom,
+    /// Many small lamps over a rough, worn floor.
+    Corridor,
+    /// A metal helmet before a matte wall: about 13 % of the image reflects.
+    Pedestal,
 }
 
 impl SceneName {
     /// Every scene.
-    pub const ALL: [SceneName; 14] = [
+    pub const ALL: [SceneName; 21] = [
         SceneName::Demo,
         SceneName::Atrium,
         SceneName::AtriumSmall,
@@ -79,6 +94,24 @@ impl SceneName {
         SceneName::Shapes,
         SceneName::Glass,
         SceneName::BlackGlass,
+        SceneName::Arcade,
+        SceneName::Brushed,
+        SceneName::Bathroom,
+        SceneName::Pond,
+        SceneName::Showroom,
+        SceneName::Corridor,
+        SceneName::Pedestal,
+    ];
+
+    /// Scenes for judging settings that were tuned on other scenes.
+    pub const HELD_OUT: [SceneName; 7] = [
+        SceneName::Arcade,
+        SceneName::Brushed,
+        SceneName::Bathroom,
+        SceneName::Pond,
+        SceneName::Showroom,
+        SceneName::Corridor,
+        SceneName::Pedestal,
     ];
 
     /// The name on the command line.
@@ -133,6 +166,13 @@ pub fn spawn_with(name: SceneName, world: &mut World, options: &SceneOptions) ->
         SceneName::Shapes => shapes::spawn(world, &options),
         SceneName::Glass => glass::spawn(world, &options, Finish::Clear),
         SceneName::BlackGlass => glass::spawn(world, &options, Finish::Opaque),
+        SceneName::Arcade => arcade::spawn(world, &options),
+        SceneName::Brushed => brushed::spawn(world, &options),
+        SceneName::Bathroom => bathroom::spawn(world, &options),
+        SceneName::Pond => pond::spawn(world, &options),
+        SceneName::Showroom => showroom::spawn(world, &options),
+        SceneName::Corridor => corridor::spawn(world, &options),
+        SceneName::Pedestal => pedestal::spawn(world, &options),
     };
     // Animated objects start at their places for time zero, with or without the animation.
     set_time(world, 0.0);
@@ -152,6 +192,13 @@ impl CameraPath {
             SceneName::EmissiveFloor => small::EMISSIVE_FLOOR_PATH,
             SceneName::Shapes => shapes::PATH,
             SceneName::Glass | SceneName::BlackGlass => glass::PATH,
+            SceneName::Arcade => arcade::PATH,
+            SceneName::Brushed => brushed::PATH,
+            SceneName::Bathroom => bathroom::PATH,
+            SceneName::Pond => pond::PATH,
+            SceneName::Showroom => showroom::PATH,
+            SceneName::Corridor => corridor::PATH,
+            SceneName::Pedestal => pedestal::PATH,
         }
     }
 }
@@ -179,6 +226,13 @@ pub fn environment(name: SceneName, world: &mut World) -> Environment {
         SceneName::Street | SceneName::StreetMoving => street::environment(world),
         SceneName::Shapes => shapes::environment(world),
         SceneName::Glass | SceneName::BlackGlass => glass::environment(world),
+        SceneName::Arcade => arcade::environment(world),
+        SceneName::Brushed => brushed::environment(world),
+        SceneName::Bathroom => bathroom::environment(world),
+        SceneName::Pond => pond::environment(world),
+        SceneName::Showroom => showroom::environment(world),
+        SceneName::Corridor => corridor::environment(world),
+        SceneName::Pedestal => pedestal::environment(world),
         SceneName::Furnace => small::environment(world, Some(Sky::White)),
         SceneName::MirrorRoom | SceneName::EmissiveFloor => small::environment(world, None),
     }

@@ -1,6 +1,7 @@
 //! The program as its users start it. On machines that can render, images with traced reflections must be closer to the
 //! ground truth than images without.
 
+use glint_scenes::SceneName;
 use image::{RgbImage, imageops};
 use std::{
     env, fs,
@@ -92,6 +93,15 @@ fn street() {
 #[test]
 fn shapes() {
     compare("shapes", &["--scene", "shapes", "--path", "0.25"], 2.0);
+}
+
+#[test]
+#[ignore = "long: seven scenes"]
+fn held_out() {
+    for name in SceneName::HELD_OUT.map(SceneName::as_str) {
+        let words = ["--scene", name, "--path", "0.25", "--detail", "0.25"];
+        compare(name, &words, 0.5);
+    }
 }
 
 #[test]

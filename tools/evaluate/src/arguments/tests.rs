@@ -38,6 +38,23 @@ fn everything_is_measured_by_default() {
 }
 
 #[test]
+fn held_out_scenes_have_their_own_defaults() {
+    let plan = arguments(&["--held-out"]).plan(&machine(true, false)).unwrap();
+    let scenes: Vec<String> = plan.jobs.iter().map(|job| job.scene.name()).collect();
+    assert_eq!(scenes, SceneName::HELD_OUT.map(|scene| scene.to_string()));
+    assert!(!scenes.iter().any(|scene| SCENES.contains(&scene.as_str())));
+    // At least ten views.
+    assert_eq!((plan.protocol.views, plan.skipped.len()), (2, 0));
+    for job in &plan.jobs {
+        assert_eq!(job.variants, HELD_OUT_TECHNIQUES.map(Variant::new));
+    }
+    let words = ["--held-out", "--scene", "pond", "--techniques", "low", "--views", "3"];
+    let plan = arguments(&words).plan(&machine(true, false)).unwrap();
+    assert_eq!((plan.jobs.len(), plan.protocol.views), (1, 3));
+    assert_eq!(plan.jobs[0].variants, [Variant::new("low")]);
+}
+
+#[test]
 fn what_a_machine_lacks_is_skipped_or_refused() {
     let plan = arguments(&["--scene", "atrium"]).plan(&machine(false, false)).unwrap();
     assert_eq!((plan.jobs.len(), plan.skipped.len()), (1, 1));

@@ -4,6 +4,7 @@ mod analysis;
 mod charts;
 mod decomposition;
 mod dominance;
+mod held_out;
 mod light_bias;
 mod objects;
 pub mod output;

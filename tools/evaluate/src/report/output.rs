@@ -3,7 +3,7 @@
 use super::{
     charts::{Chart, chart, svg},
     dominance::range_of_views,
-    readme,
+    held_out, readme,
     rows::{Row, number, to_csv},
     summary::Summary,
     table,
@@ -42,8 +42,8 @@ impl Results<'_> {
     pub fn write(&self) -> Result<(), String> {
         let Tables { rows, objects, splits } = self.tables;
         write_text(&self.out.join(ROWS), &to_csv(rows)?)?;
-        self.write_or_remove(OBJECTS, objects)?;
-        self.write_or_remove(SPLITS, splits)?;
+        self.write_or_remove(OBJECTS, table_of(objects)?)?;
+        self.write_or_remove(SPLITS, table_of(splits)?)?;
         let facts = table::facts(self.out, rows);
         let json = serde_json::json!({
             "machine": self.machine,
@@ -61,15 +61,16 @@ impl Results<'_> {
             charts: &charts,
         };
         write_text(&self.out.join("summary.md"), &summary.to_markdown())?;
+        self.write_or_remove(held_out::FILE, summary.held_out())?;
         let fragment = readme::fragment(self.machine, self.protocol, rows, &charts);
         write_text(&self.out.join("readme.md"), &fragment)
     }
 
-    /// Writes a table. An empty one has no file, and removes the file of an earlier measurement.
-    fn write_or_remove<T: Serialize>(&self, name: &str, rows: &[T]) -> Result<(), String> {
+    /// Writes a text. Without one, it removes the file of an earlier measurement.
+    fn write_or_remove(&self, name: &str, text: Option<String>) -> Result<(), String> {
         let file = self.out.join(name);
-        if !rows.is_empty() {
-            return write_text(&file, &to_csv(rows)?);
+        if let Some(text) = text {
+            return write_text(&file, &text);
         }
         match fs::remove_file(&file) {
             Err(error) if error.kind() != io::ErrorKind::NotFound => Err(format!(
@@ -159,6 +160,11 @@ impl Results<'_> {
     }
 }
 
+/// A table as CSV; `None` if it is empty.
+fn table_of<T: Serialize>(rows: &[T]) -> Result<Option<String>, String> {
+    (!rows.is_empty()).then(|| to_csv(rows)).transpose()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -200,7 +206,7 @@ mod tests {
     fn tables_of_earlier_runs_do_not_survive() {
         let folder = tempfile::tempdir().unwrap();
         let out = folder.path();
-        for file in [OBJECTS, SPLITS] {
+        for file in [OBJECTS, SPLITS, held_out::FILE] {
             fs::write(out.join(file), "scene,technique\natrium,quarter\n").unwrap();
         }
         let tables = Tables {
@@ -215,6 +221,28 @@ mod tests {
         };
         results.write().unwrap();
         assert_eq!(Tables::load(out).unwrap(), tables);
+        assert!(!out.join(held_out::FILE).exists());
+    }
+
+    #[test]
+    fn held_out_scenes_have_a_file_of_their_own() {
+        let folder = tempfile::tempdir().unwrap();
+        let tables = Tables {
+            rows: vec![Row::example("pond", "quarter", 1.0, 0.02)],
+            ..Tables::default()
+        };
+        let results = Results {
+            out: folder.path(),
+            machine: &Machine::default(),
+            protocol: &Protocol::new(true, true),
+            tables: &tables,
+        };
+        results.write().unwrap();
+        let read = |file: &str| fs::read_to_string(folder.path().join(file)).unwrap();
+        let (text, summary) = (read(held_out::FILE), read("summary.md"));
+        assert!(text.starts_with("# Techniques in held-out scenes\n"), "{text}");
+        let table = &text[text.find("## ").unwrap()..];
+        assert!(summary.contains(table), "{summary}");
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! `summary.md`: the results for people.
 
 use super::{
-    analysis, decomposition, dominance, objects, paper,
+    analysis, decomposition, dominance, held_out, objects, paper,
     pareto::on_front,
     rows::{Outcome, Row, number, of_scene, scenes},
     stats,
@@ -62,6 +62,7 @@ impl Summary<'_> {
         let mut text = "# Cost of each technique and its distance from the ground truth\n\n".to_owned();
         self.machine(&mut text);
         self.noise(&mut text);
+        text.push_str(&held_out::section(&self.tables.rows));
         let Tables { rows, objects, splits } = self.tables;
         text.push_str(&analysis::sections(rows, self.protocol));
         text.push_str(&dominance::section(rows));
@@ -74,6 +75,14 @@ impl Summary<'_> {
         self.absent(&mut text);
         self.explanation(&mut text);
         text
+    }
+
+    /// The table of held-out scenes as a text of its own; `None` if none of them was measured.
+    pub fn held_out(&self) -> Option<String> {
+        let section = held_out::section(&self.tables.rows);
+        let mut text = "# Techniques in held-out scenes\n\n".to_owned();
+        self.machine(&mut text);
+        (!section.is_empty()).then(|| text + section.trim_end() + "\n")
     }
 
     fn machine(&self, text: &mut String) {

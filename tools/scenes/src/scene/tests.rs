@@ -329,6 +329,35 @@ fn two_views_show_all_shapes_and_normals_that_face_away() {
 }
 
 #[test]
+fn held_out_scenes_are_varied() {
+    let mut roughness = Vec::new();
+    for name in SceneName::HELD_OUT {
+        assert!(SceneName::ALL.contains(&name));
+        let (world, statistics) = spawned(name, &SMALL);
+        let (_, same) = spawned(name, &SMALL);
+        assert_eq!(statistics, same, "{name}");
+        assert!(
+            (1_000..200_000).contains(&statistics.triangles),
+            "{name}: {statistics:?}"
+        );
+        let materials = world.resource::<Assets<StandardMaterial>>().iter();
+        // A texture has its own roughness.
+        let plain = materials.filter(|(_, material)| !material.unlit && material.metallic_roughness_texture.is_none());
+        roughness.extend(plain.map(|(_, material)| material.perceptual_roughness));
+        let path = CameraPath::of(name);
+        let [first, second] = [0.25, 0.75].map(|share| path.pose(share * path.seconds));
+        assert!(first.translation.distance(second.translation) > 1.0, "{name}");
+    }
+    roughness.sort_by(f32::total_cmp);
+    assert_eq!(roughness[0], 0.0);
+    assert!(roughness.contains(&0.9), "{roughness:?}");
+    assert!(
+        roughness.windows(2).all(|pair| pair[1] - pair[0] <= 0.2),
+        "{roughness:?}"
+    );
+}
+
+#[test]
 fn gltf_files_are_written() {
     let folder = std::env::temp_dir().join(format!("glint_scenes_{}", std::process::id()));
     let paths = write_test_assets(&folder).unwrap();

@@ -10,7 +10,8 @@ fn scene(name: &str) -> Result<MeasuredScene, String> {
 
 #[test]
 fn views_lie_on_the_path() {
-    for name in ["atrium", "atrium_small", "temple", "street", "demo"] {
+    let names = ["atrium", "atrium_small", "temple", "street", "demo"];
+    for name in names.into_iter().chain(SceneName::HELD_OUT.map(SceneName::as_str)) {
         let scene = scene(name).unwrap();
         let times: Vec<f32> = (0..2).map(|view| scene.view(view)).collect();
         assert!(times.windows(2).all(|pair| pair[0] < pair[1]));
