@@ -8,6 +8,7 @@ use crate::{
     stage::spawn_mesh,
 };
 use bevy::{
+    light::RectLight,
     material::OpaqueRendererMethod,
     math::Affine2,
     mesh::{UvChannel, VertexAttributeValues},
@@ -92,7 +93,7 @@ static FIELDS: [(&str, Vary); 66] = [
     ("reflectance", Vary::By(|m, r, _| m.reflectance = r.unit())),
     (
         "specular_tint",
-        Vary::Not("the G-buffer has its luminance alone, unlike forward materials"),
+        Vary::By(|m, r, _| m.specular_tint = color(r, 1.0, 1.0)),
     ),
     (
         "diffuse_transmission",
@@ -138,7 +139,8 @@ static FIELDS: [(&str, Vary); 66] = [
     ("specular_tint_texture", TEXTURE),
     (
         "clearcoat",
-        Vary::Not("forward materials have a normal of zero for it in Bevy"),
+        // Forward materials have a normal of zero for it in Bevy.
+        Vary::By(|m, r, _| m.clearcoat = r.unit()),
     ),
     ("clearcoat_channel", TEXTURE),
     ("clearcoat_texture", TEXTURE),
@@ -381,6 +383,9 @@ impl Recipe {
                 vary(&mut material, &mut Random::new(seed), images);
             }
         }
+        if material.clearcoat > 0.0 {
+            material.opaque_render_method = OpaqueRendererMethod::Deferred;
+        }
         material
     }
 }
@@ -420,6 +425,7 @@ impl<'a> Theatre<'a> {
                 Vec3::Y,
             ),
         ));
+        add_lamp(stage, &mut random);
         stage.put(
             Rectangle::new(60.0, 60.0),
             blue(),
@@ -498,21 +504,68 @@ impl<'a> Theatre<'a> {
     }
 }
 
+/// A lamp between the mirror and the scenes, of any kind, with any of its numbers. Its light doesn't reach the mirror, on which Bevy would
+/// show a highlight.
+fn add_lamp(stage: &mut Stage, random: &mut Random) {
+    let place = Vec3::new(random.range(-5.0, 5.0), random.range(-3.0, 3.0), random.range(4.5, 6.0));
+    let target = Vec3::new(random.range(-4.0, 4.0), random.range(-2.0, 2.0), DEPTH);
+    let transform = Transform::from_translation(place).looking_at(target, Vec3::Y);
+    let color = color(random, 1.0, 1.0).mix(&Color::WHITE, 0.3);
+    let intensity = random.range(100_000.0, 1_000_000.0);
+    let range = random.range(0.6, 0.97) * place.z;
+    let radius = random.pick(&[0.0, 0.1, 0.8]);
+    match random.below(4) {
+        0 => (),
+        1 => {
+            let lamp = PointLight {
+                color,
+                intensity,
+                range,
+                radius,
+                ..default()
+            };
+            stage.add((lamp, transform));
+        }
+        2 => {
+            let outer_angle = random.range(0.1, 1.4);
+            let lamp = SpotLight {
+                color,
+                intensity,
+                range,
+                radius,
+                outer_angle,
+                inner_angle: outer_angle * random.unit(),
+                ..default()
+            };
+            stage.add((lamp, transform));
+        }
+        _ => {
+            let lamp = RectLight {
+                color,
+                intensity: 0.1 * intensity,
+                range,
+                width: random.range(0.2, 3.0),
+                height: random.range(0.2, 3.0),
+            };
+            stage.add((lamp, transform));
+        }
+    }
+}
+
 fn pixel(image: &[u8], x: usize, y: usize) -> &[u8] {
     &image[4 * (y * SIZE.x as usize + x)..][..3]
 }
 
-/// Pixels of a cell that differ from all pixels around them in the other image: edges are off by a part of a pixel.
+/// Pixels of a cell outside the range of the pixels around them in the other image: edges are off by a part of a pixel.
 fn strays(expected: &[u8], actual: &[u8], cell: usize) -> usize {
     let (left, top) = (cell % COLUMNS * CELL, cell / COLUMNS * CELL);
     let inside = |center: usize, most: u32| center.saturating_sub(1)..(center + 2).min(most as usize);
     let is_known = |color: &[u8], other: &[u8], x: usize, y: usize| {
-        let mut around = inside(y, SIZE.y).flat_map(|y| inside(x, SIZE.x).map(move |x| (x, y)));
-        around.any(|(x, y)| {
-            pixel(other, x, y)
-                .iter()
-                .zip(color)
-                .all(|(a, b)| a.abs_diff(*b) <= LEVELS)
+        let around = inside(y, SIZE.y).flat_map(|y| inside(x, SIZE.x).map(move |x| pixel(other, x, y)));
+        (0..3).all(|channel| {
+            let values = around.clone().map(|pixel| pixel[channel]);
+            let (least, most) = values.fold((u8::MAX, 0), |(least, most), value| (least.min(value), most.max(value)));
+            (least.saturating_sub(LEVELS)..=most.saturating_add(LEVELS)).contains(&color[channel])
         })
     };
     let places = (top..top + CELL).flat_map(|y| (left..left + CELL).map(move |x| (x, y)));
