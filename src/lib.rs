@@ -124,13 +124,13 @@ pub use scene::{OriginShift, ReflectedMaterial, ReflectedMaterialPlugin};
 pub use schedule::ReflectionSystems;
 pub use settings::{
     AdaptiveThresholds, CombinedThresholds, FrontLayerShader, GrazingThresholds, NotReflected, RATE_LEGEND, RayPool,
-    RayTracedReflections, ReflectedLayers, ReflectedMaterial3d, ReflectedMesh3d, ReflectedPose, ReflectedPoseBudget,
-    ReflectedSurfaceShader, ReflectedVertexShader, ReflectedVertices, ReflectionAutoQuality, ReflectionBackend,
-    ReflectionBudget, ReflectionDebugCounters, ReflectionDebugSplit, ReflectionDebugView, ReflectionDenoiser,
-    ReflectionEffort, ReflectionFallback, ReflectionGuides, ReflectionPreset, ReflectionQuality, ReflectionRetention,
-    ReflectionSampling, ReflectionTechnique, ReflectionTextureMip, ReflectionTracerChoice, ReflectionUploadBudget,
-    ReflectionWarmUp, ReflectionsOff, RoughnessThresholds, ScreenTraces, ShadingRate, ShadingRateHeuristic,
-    ShadingRateTileSize, TECHNIQUE_NAMES, UnknownName, named_settings,
+    RayTracedReflections, ReflectedLayers, ReflectedMaterial3d, ReflectedMesh3d, ReflectedParticle, ReflectedParticles,
+    ReflectedPose, ReflectedPoseBudget, ReflectedSurfaceShader, ReflectedVertexShader, ReflectedVertices,
+    ReflectionAutoQuality, ReflectionBackend, ReflectionBudget, ReflectionDebugCounters, ReflectionDebugSplit,
+    ReflectionDebugView, ReflectionDenoiser, ReflectionEffort, ReflectionFallback, ReflectionGuides, ReflectionPreset,
+    ReflectionQuality, ReflectionRetention, ReflectionSampling, ReflectionTechnique, ReflectionTextureMip,
+    ReflectionTracerChoice, ReflectionUploadBudget, ReflectionWarmUp, ReflectionsOff, RoughnessThresholds,
+    ScreenTraces, ShadingRate, ShadingRateHeuristic, ShadingRateTileSize, TECHNIQUE_NAMES, UnknownName, named_settings,
 };
 pub use status::{ReflectionStatus, ReflectionStatusReport, ReflectionViewMemory};
 #[cfg(feature = "egui")]

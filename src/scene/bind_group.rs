@@ -20,6 +20,7 @@ use super::{
     masks::MaskSets,
     merge::StaticMerge,
     meshes::SceneMeshes,
+    particles::ParticleTable,
     pose::Poses,
     see_through::SeeThroughObjects,
     textures::TextureTable,
@@ -75,6 +76,7 @@ pub struct SceneBindings {
     pub(crate) forward: ForwardObjects,
     pub(super) lightmaps: Lightmaps,
     pub(super) light_probes: LightProbes,
+    pub(super) particles: ParticleTable,
     /// Features that tables have reported; [`Self::features`] returns all of them.
     pub(super) features: Features,
     pub(super) acceleration: Option<AccelerationStructures>,
@@ -128,6 +130,7 @@ impl FromWorld for SceneBindings {
             forward: ForwardObjects::default(),
             lightmaps: Lightmaps::default(),
             light_probes: LightProbes::new(textures.mode(), device, queue),
+            particles: ParticleTable::default(),
             features: Features::MASKED,
             acceleration: (tracer == ReflectionTracer::RayQuery).then(|| AccelerationStructures::new(device, queue)),
             may_split: true,
@@ -215,6 +218,7 @@ impl SceneBindings {
         self.lightmaps = Lightmaps::default();
         self.light_textures = LightTextures::default();
         self.light_probes.clear();
+        self.particles.clear(meshes);
         self.set_tree_features(true, false);
         self.bind_group = None;
         self.contents.clear();

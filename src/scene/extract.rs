@@ -14,6 +14,7 @@ use super::{
     },
     meshes::{MeshWorld, SceneMeshes, extract_meshes, kept::RenderWorldMeshes},
     origin::{AnnouncedShift, OriginShift},
+    particles::{ExtractedParticles, ParticleWorld, extract_particles},
     pose::{ExtractedPoses, PoseWorld, VertexShader, extract_poses},
     render_layers::{LightLayers, SceneLayers},
     textures::{TextureTable, extract_texture_changes},
@@ -115,20 +116,22 @@ pub(super) fn extract_shapes(
     );
 }
 
-/// Extracts lights and light probes.
+/// Extracts lights, light probes and particles.
 pub(super) fn extract_lighting(
-    world: Extract<(LightWorld, ProbeWorld)>,
+    world: Extract<(LightWorld, ProbeWorld, ParticleWorld)>,
     activity: Res<SceneActivity>,
     layers: Res<SceneLayers>,
     mut lights: ResMut<ExtractedLights>,
     mut known: Local<KnownLights>,
     probes: ResMut<ExtractedLightProbes>,
+    mut particles: ResMut<ExtractedParticles>,
 ) {
-    let (lights_there, probes_there) = &*world;
+    let (lights_there, probes_there, particles_there) = &*world;
     extract_lights(lights_there, activity.active, &layers, &mut lights, &mut known);
     if activity.watched || !activity.active {
         extract_light_probes(probes_there, activity.active, probes);
     }
+    extract_particles(particles_there, &activity, &layers, &mut particles);
 }
 
 /// Tracks images of the main world.

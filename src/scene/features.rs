@@ -24,8 +24,8 @@ bitflags! {
         const LIGHT_PROBES = 1 << 6;
         /// There are enough lights for hits to sample some of them.
         const LIGHT_SAMPLING = 1 << 7;
-        /// There are more lights than hits have bits for (`SHARED_LIGHTS` of `shading.wesl`), or fog that lights shine through: the pass
-        /// that shades hits then traces rays.
+        /// There are more lights than hits have bits for (`SHARED_LIGHTS` of `shading.wesl`), or fog or particles that lights shine on: the
+        /// pass that shades hits then traces rays.
         const MANY_LIGHTS = 1 << 8;
         /// Some view is in an atmosphere.
         const ATMOSPHERE = 1 << 9;
@@ -57,6 +57,10 @@ bitflags! {
         const SCREEN_MARCH = 1 << 22;
         /// Some object is see-through or has a depth bias: surfaces in the same place have an order.
         const COPLANAR = 1 << 23;
+        /// Some entity has particles.
+        const PARTICLES = 1 << 24;
+        /// Some of them are lit.
+        const LIT_PARTICLES = 1 << 25;
     }
 }
 
@@ -109,7 +113,7 @@ const fn row(feature: Features, definition: &'static str, passes: Passes) -> Row
 }
 
 /// All features. The definitions of the first two depend on the tracer (`SceneBindings::definitions`).
-const TABLE: [Row; 24] = {
+const TABLE: [Row; 26] = {
     use Features as F;
     use Passes as P;
     [
@@ -145,6 +149,8 @@ const TABLE: [Row; 24] = {
         row(F::SCREEN_TRACES, "SCREEN_TRACES", P::FIRST_RAYS),
         row(F::SCREEN_MARCH, "SCREEN_MARCH", P::FIRST_RAYS),
         row(F::COPLANAR, "COPLANAR", P::ALL_TRACING),
+        row(F::PARTICLES, "PARTICLES", P::ALL_TRACING.union(P::SHADING)),
+        row(F::LIT_PARTICLES, "LIT_PARTICLES", P::ALL_TRACING),
     ]
 };
 
@@ -205,6 +211,10 @@ impl Features {
             (
                 warm_up.volumetric_fog,
                 Self::MANY_LIGHTS | Self::FOG_VOLUMES | Self::FOG_DENSITY,
+            ),
+            (
+                warm_up.particles,
+                Self::MANY_LIGHTS | Self::PARTICLES | Self::LIT_PARTICLES,
             ),
         ];
         named

@@ -264,6 +264,12 @@ pub struct GpuSceneCounts {
     pub largest_depth_bias: f32,
     /// Difference between the largest and the smallest one.
     pub depth_bias_range: f32,
+    /// Word of the geometry buffer at which the table of particles begins.
+    pub first_particle_word: u32,
+    /// Leaves of its tree, a power of two; 0 without particles.
+    pub particle_leaf_count: u32,
+    /// Number of particles.
+    pub particle_count: u32,
 }
 
 const _: () = assert!(size_of::<GpuInstance>() == 128);
@@ -271,4 +277,4 @@ const _: () = assert!(size_of::<GpuMaterial>() == 128);
 const _: () = assert!(size_of::<GpuLight>() == 64);
 const _: () = assert!(size_of::<GpuLightTexture>() == size_of::<GpuLight>());
 const _: () = assert!(size_of::<GpuLightProbe>() == 80);
-const _: () = assert!(size_of::<GpuSceneCounts>() == 68);
+const _: () = assert!(size_of::<GpuSceneCounts>() == 80);

@@ -35,6 +35,7 @@ pub mod meshes;
 pub mod motion;
 mod origin;
 pub mod pack_lights;
+mod particles;
 mod pose;
 mod prepare;
 pub(crate) mod reflected_material;
@@ -82,6 +83,7 @@ use lights::ExtractedLights;
 use materials::{MaterialAssets, MaterialTable};
 use meshes::{SceneMeshes, keep_render_world_meshes, kept::RenderWorldMeshes};
 use origin::AnnouncedShift;
+use particles::ExtractedParticles;
 use pose::{ExtractedPoses, VertexShader};
 use prepare::prepare_scene;
 use reflected_material::add_extraction;
@@ -115,6 +117,7 @@ impl Plugin for ScenePlugin {
         load_shader_library!(app, "change.wesl");
         load_shader_library!(app, "offset.wesl");
         load_shader_library!(app, "opacity.wesl");
+        load_shader_library!(app, "particles.wesl");
         load_shader_library!(app, "pose/job.wesl");
         load_shader_library!(app, "ray_query.wesl");
         load_shader_library!(app, "light_textures.wesl");
@@ -145,6 +148,7 @@ impl Plugin for ScenePlugin {
             .init_resource::<ExtractedLights>()
             .init_resource::<ExtractedPoses>()
             .init_resource::<ExtractedLightProbes>()
+            .init_resource::<ExtractedParticles>()
             .init_resource::<SceneLayers>()
             .init_gpu_resource::<SceneActivity>()
             .init_gpu_resource::<SceneInstances>()

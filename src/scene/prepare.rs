@@ -21,6 +21,7 @@ use super::{
     materials::{MaterialAssets, MaterialTable, update_materials},
     meshes::{SceneMeshes, upload::upload_meshes},
     origin::AnnouncedShift,
+    particles::{ExtractedParticles, ParticleCounts},
     pose::{ExtractedPoses, PoseInputs},
     render_layers::SceneLayers,
     textures::TextureTable,
@@ -59,6 +60,7 @@ pub(super) struct Scene<'w, 's> {
     poses: Res<'w, ExtractedPoses>,
     lights: ResMut<'w, ExtractedLights>,
     light_probes: Res<'w, ExtractedLightProbes>,
+    particles: Res<'w, ExtractedParticles>,
     layers: Res<'w, SceneLayers>,
     views: Query<'w, 's, &'static ViewEnvironment>,
     wanted: Query<'w, 's, &'static WantsReflections>,
@@ -174,6 +176,9 @@ impl Scene<'_, '_> {
         bindings.instances.truncate(slots);
         bindings.instances.upload(device, queue);
         bindings.version.note(change);
+        let own_materials = (&*self.assets, &mut *self.materials);
+        let particles = (bindings.particles).update(&self.particles, changed_materials, own_materials, meshes, queue);
+        bindings.version.note(particles);
         // An object looks the same as its copy in a merged tree, so this isn't a change of the scene.
         let is_bvh = bindings.tracer == ReflectionTracer::Bvh;
         if is_bvh {
@@ -319,6 +324,11 @@ impl Scene<'_, '_> {
         }
         let [first_light_texture, light_texture_count] = bindings.lights.textures();
         let [largest_depth_bias, depth_bias_range] = bindings.depth_biases.range();
+        let ParticleCounts {
+            first_word: first_particle_word,
+            leaves: particle_leaf_count,
+            particles: particle_count,
+        } = bindings.particles.counts();
         let uniform = GpuSceneCounts {
             light_count: bindings.lights.count(),
             directional_light_count: bindings.lights.directional_count(),
@@ -333,6 +343,9 @@ impl Scene<'_, '_> {
             restless_probes: bindings.light_probes.restless(),
             largest_depth_bias,
             depth_bias_range,
+            first_particle_word,
+            particle_leaf_count,
+            particle_count,
             ..bindings.uniform_data
         };
         if uniform != bindings.uniform_data || bindings.bind_group.is_none() {

@@ -6,6 +6,7 @@
 //! | `heuristic.rs`, `shading_rate.rs` | the number of rays of each tile |
 //! | `debug.rs` | debug views and counters |
 //! | `front_layer.rs` | an app's shader for glass and water |
+//! | `particles.rs` | particles and billboards |
 //! | `pose.rs` | skinned and morphed meshes |
 //! | `retention.rs` | how long reflections outlive their cameras |
 //! | `arrival.rs` | how fast meshes appear |
@@ -31,6 +32,7 @@ mod denoiser;
 mod front_layer;
 mod guides;
 mod heuristic;
+mod particles;
 mod pose;
 mod presets;
 mod quality;
@@ -56,6 +58,7 @@ pub use heuristic::{
     AdaptiveThresholds, CombinedThresholds, GrazingThresholds, RayPool, RoughnessThresholds, ShadingRateHeuristic,
     ShadingRateTileSize,
 };
+pub use particles::{ReflectedParticle, ReflectedParticles};
 pub use pose::{ReflectedPose, ReflectedPoseBudget};
 pub use presets::{ReflectionPreset, TECHNIQUE_NAMES, named_settings};
 pub use quality::{ReflectionQuality, ReflectionsOff};
@@ -109,6 +112,8 @@ impl Plugin for SettingsPlugin {
             .register_type::<ReflectedSurfaceShader>()
             .register_type::<ReflectedVertexShader>()
             .register_type::<ReflectedVertices>()
+            .register_type::<ReflectedParticles>()
+            .register_type::<ReflectedParticle>()
             .register_type::<ReflectionWarmUp>()
             .register_type::<NotReflected>()
             .register_type::<ReflectedLayers>()

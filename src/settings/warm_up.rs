@@ -52,6 +52,8 @@ pub struct ReflectionWarmUp {
     pub atmosphere: bool,
     /// Volumetric fog. Default: false.
     pub volumetric_fog: bool,
+    /// Particles and billboards, unlit and lit. Default: false.
+    pub particles: bool,
 }
 
 impl ReflectionWarmUp {
@@ -67,5 +69,6 @@ impl ReflectionWarmUp {
         many_lights: true,
         atmosphere: true,
         volumetric_fog: true,
+        particles: true,
     };
 }

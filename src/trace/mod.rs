@@ -12,6 +12,7 @@
 //! | `hit_surface.wesl`, `surface_shader.rs`, `surface_point.wesl` | the surface for shading, and the app's shader that modifies it |
 //! | `rays.wesl` | one ray: from a pixel of the G-buffer to its radiance |
 //! | `miss.wesl` | the light of a ray that hits nothing |
+//! | `volumes.wesl`, `particles.wesl` | volumes of fog and particles along rays |
 //! | `light_numbers.wesl` | the random numbers by which hits sample lights |
 //! | `screen.wesl` | reuse of the camera's light instead of shading |
 //! | `march.wesl` | surfaces of the camera's frame on the path of a ray, before its hit |
@@ -76,6 +77,7 @@ impl Plugin for TracePlugin {
         load_shader_library!(app, "lobe.wesl");
         load_shader_library!(app, "miss.wesl");
         load_shader_library!(app, "noise.wesl");
+        load_shader_library!(app, "particles.wesl");
         load_shader_library!(app, "rays.wesl");
         load_shader_library!(app, "record.wesl");
         load_shader_library!(app, "refraction.wesl");

@@ -42,6 +42,9 @@ mod settings_panel;
 #[path = "../../examples/shading_rates.rs"]
 #[expect(dead_code, reason = "`main` opens a window")]
 mod shading_rates;
+#[path = "../../examples/sparks.rs"]
+#[expect(dead_code, reason = "`main` opens a window")]
+mod sparks;
 #[path = "../../examples/split_screen.rs"]
 #[expect(dead_code, reason = "`main` opens a window")]
 mod split_screen;
@@ -516,6 +519,19 @@ fn wind() {
     assert_eq!(example.report().posed_instances, 5);
     let swaying = example.image("on");
     example.assert_differs("plants that stand still in the water", &swaying, &still, 0.5);
+    example.assert_reflects(1.0);
+}
+
+#[test]
+fn sparks() {
+    let Some(mut example) = Example::start("sparks", sparks::plugin) else {
+        return;
+    };
+    let on = example.image("on");
+    example.press(KeyCode::Space);
+    let without = example.image("not-in-the-floor");
+    example.assert_differs("a floor without sparks", &on, &without, 0.2);
+    example.press(KeyCode::Space);
     example.assert_reflects(1.0);
 }
 

@@ -7,6 +7,7 @@ mod haze;
 mod light;
 mod light_textures;
 mod materials;
+mod particles;
 mod random;
 mod sky;
 mod transmission;
@@ -534,6 +535,7 @@ fn a_scene_in_a_mirror_looks_like_itself() {
             .chain(others)
             .chain(haze::ROWS)
             .chain(materials::ROWS)
+            .chain(particles::ROWS)
             .chain(coplanar::ROWS);
         for (name, spawn) in rows.filter(|(name, _)| name.contains(&filter)) {
             spawn(&mut stage);

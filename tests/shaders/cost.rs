@@ -56,7 +56,7 @@ const SCENE_PASSES: [(&str, &[&str]); 14] = [
 ];
 
 /// All others, and passes for scenes with rare features.
-const PASSES: [(&str, &[&str]); 97] = [
+const PASSES: [(&str, &[&str]); 101] = [
     (
         "front_layer/find",
         &["FRONT_LAYER", "FORWARD_SURFACES", "ALPHA_MASKED_GEOMETRY"],
@@ -139,6 +139,13 @@ const PASSES: [(&str, &[&str]); 97] = [
         "trace/blocks",
         &["SCREEN_TRACES", "SCREEN_MARCH", "MIRRORS", "RAY_QUERY"],
     ),
+    ("trace/shade", &["PARTICLES"]),
+    (
+        "trace/shade",
+        &["PARTICLES", "LIT_PARTICLES", "MANY_LIGHTS", "RAY_QUERY"],
+    ),
+    ("trace/blocks", &["PARTICLES", "MIRRORS"]),
+    ("trace/blocks", &["PARTICLES", "LIT_PARTICLES"]),
     ("composite/screen", &[]),
     ("rate/classify", &[]),
     ("rate/classify", &["ROUGHNESS"]),

@@ -6,7 +6,7 @@ use crate::wesl::Shaders;
 use bevy_glint::internals::{atmosphere::GpuAir, environment::GpuEnvironment, fog_volumes::GpuFogVolume, gpu_types::*};
 
 /// Definitions, several at a time.
-pub const COMBINATIONS: [&[&str]; 80] = [
+pub const COMBINATIONS: [&[&str]; 84] = [
     &[],
     &["ALPHA_MASKED_GEOMETRY"],
     &["ALPHA_MASKED_GEOMETRY", "BINDLESS_TEXTURES"],
@@ -206,6 +206,19 @@ pub const COMBINATIONS: [&[&str]; 80] = [
         "ATMOSPHERIC",
         "RAY_QUERY",
         "BINDLESS_TEXTURES",
+    ],
+    &["PARTICLES", "ALPHA_MASKED_GEOMETRY"],
+    &["PARTICLES", "VOLUMETRIC_FOG", "MANY_LIGHTS", "RAY_QUERY"],
+    &["PARTICLES", "LIT_PARTICLES", "MANY_LIGHTS", "BOUNCES", "LIGHT_SAMPLING"],
+    &[
+        "PARTICLES",
+        "LIT_PARTICLES",
+        "MIRRORS",
+        "LAYERED_RAYS",
+        "RAY_QUERY",
+        "BINDLESS_TEXTURES",
+        "DIFFUSE_TRANSMISSION",
+        "SCREEN_TRACES",
     ],
 ];
 
@@ -509,7 +522,10 @@ fn lights_and_counts_match_the_cpu() {
             light_texture_count,
             first_light_texture,
             largest_depth_bias,
-            depth_bias_range
+            depth_bias_range,
+            first_particle_word,
+            particle_leaf_count,
+            particle_count
         ]
     );
 }

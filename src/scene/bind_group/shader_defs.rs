@@ -47,9 +47,11 @@ impl SceneBindings {
             (self.has_forward_surfaces(), Features::FORWARD_SURFACES),
             (self.uniform_data.light_leaf_count > 0, Features::LIGHT_SAMPLING),
             (
-                self.has_many_lights() || self.features.contains(Features::FOG_VOLUMES),
+                self.has_many_lights() || self.features.contains(Features::FOG_VOLUMES) || self.particles.is_lit(),
                 Features::MANY_LIGHTS,
             ),
+            (self.particles.exists(), Features::PARTICLES),
+            (self.particles.is_lit(), Features::LIT_PARTICLES),
         ];
         let present = of_tables
             .into_iter()

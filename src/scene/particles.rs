@@ -1,0 +1,215 @@
+//! Particles of `ReflectedParticles`: a table in the geometry buffer, which `particles.wesl` reads.
+//!
+//! - `extract.rs` copies them from the main world.
+//! - `tree.rs` sorts them into a tree.
+
+mod extract;
+mod tree;
+
+pub(super) use extract::{ExtractedParticles, ParticleWorld, extract_particles};
+
+use super::{
+    arena::ArenaSlice,
+    change::Change,
+    materials::{MaterialAssets, MaterialTable},
+    meshes::SceneMeshes,
+};
+use bevy::{
+    asset::UntypedAssetId, color::ColorToComponents, log::warn_once, math::Vec3, pbr::StandardMaterial,
+    platform::collections::HashSet, prelude::AlphaMode, render::renderer::RenderQueue,
+};
+use bytemuck::{Pod, Zeroable};
+use tree::{Box6, Tree};
+
+/// Maximum number of particles; it bounds a loop of `particles.wesl`.
+const MAX_PARTICLES: usize = 1 << 18;
+
+/// A particle in the shaders' layout: [`PARTICLE_WORDS`] words.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+struct GpuParticle {
+    /// Centre in world space.
+    position: [f32; 3],
+    /// Half width and half height in metres, above 0.
+    half_size: [f32; 2],
+    /// Radians.
+    rotation: f32,
+    /// Index in the material buffer.
+    material: u32,
+    /// One of the `MODE_` constants, and the groups of render layers.
+    flags: u32,
+    /// Linear.
+    color: [f32; 4],
+}
+
+/// Words of a particle; `particles.wesl` has the same number.
+const PARTICLE_WORDS: usize = 12;
+/// Words of a node of the tree; `particles.wesl` has the same number.
+const NODE_WORDS: usize = 6;
+const _: () = assert!(size_of::<GpuParticle>() == 4 * PARTICLE_WORDS && size_of::<Box6>() == 4 * NODE_WORDS);
+
+/// Alpha modes; `trace/particles.wesl` has the same numbers.
+const MODE_OPAQUE: u32 = 0;
+const MODE_MASK: u32 = 1;
+const MODE_BLEND: u32 = 2;
+const MODE_PREMULTIPLIED: u32 = 3;
+const MODE_ADD: u32 = 4;
+const MODE_MULTIPLY: u32 = 5;
+
+fn mode_of(material: &StandardMaterial) -> u32 {
+    match material.alpha_mode {
+        AlphaMode::Opaque => MODE_OPAQUE,
+        AlphaMode::Mask(_) | AlphaMode::AlphaToCoverage => MODE_MASK,
+        AlphaMode::Blend => MODE_BLEND,
+        AlphaMode::Premultiplied => MODE_PREMULTIPLIED,
+        AlphaMode::Add => MODE_ADD,
+        AlphaMode::Multiply => MODE_MULTIPLY,
+    }
+}
+
+/// Values for `GpuSceneCounts`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) struct ParticleCounts {
+    /// Word of the table in the geometry buffer: the nodes of the tree, followed by the particles.
+    pub first_word: u32,
+    /// Leaves of the tree; 0 without particles.
+    pub leaves: u32,
+    /// Number of particles.
+    pub particles: u32,
+}
+
+/// The particles on the GPU.
+#[derive(Default)]
+pub(super) struct ParticleTable {
+    particles: Vec<GpuParticle>,
+    tree: Tree,
+    slice: Option<ArenaSlice>,
+    /// Version of the extracted particles in the table.
+    version: u64,
+    /// Some entity has particles, or could have them in any frame.
+    exists: bool,
+    /// Some of them are lit.
+    is_lit: bool,
+    /// The geometry buffer had no room for all of them.
+    lacks_room: bool,
+}
+
+impl ParticleTable {
+    /// Returns whether shaders need the feature.
+    pub fn exists(&self) -> bool {
+        self.exists
+    }
+
+    /// Returns whether some particles are lit.
+    pub fn is_lit(&self) -> bool {
+        self.is_lit
+    }
+
+    pub fn counts(&self) -> ParticleCounts {
+        match &self.slice {
+            Some(slice) if !self.particles.is_empty() => ParticleCounts {
+                first_word: slice.base(),
+                leaves: self.tree.leaf_count() as u32,
+                particles: self.particles.len() as u32,
+            },
+            _ => ParticleCounts::default(),
+        }
+    }
+
+    /// Removes all particles.
+    pub fn clear(&mut self, meshes: &mut SceneMeshes) {
+        if let Some(slice) = self.slice.take() {
+            meshes.geometry.free(slice);
+        }
+        *self = Self::default();
+    }
+
+    /// Updates the table to the extracted particles, if they or their materials changed. Returns the change for rays.
+    pub fn update(
+        &mut self,
+        extracted: &ExtractedParticles,
+        changed_materials: &HashSet<UntypedAssetId>,
+        (assets, materials): (&MaterialAssets, &mut MaterialTable),
+        meshes: &mut SceneMeshes,
+        queue: &RenderQueue,
+    ) -> Change {
+        let uses = |material: &UntypedAssetId| extracted.sets.iter().any(|set| set.material == *material);
+        let is_repainted = !extracted.sets.is_empty() && changed_materials.iter().any(uses);
+        let is_stranded = self
+            .slice
+            .as_ref()
+            .is_some_and(|slice| meshes.geometry.is_stranded(slice));
+        let has_room_now = self.lacks_room && meshes.geometry.may_ask_again();
+        if extracted.version == self.version && !is_repainted && !is_stranded && !has_room_now {
+            return Change::Nothing;
+        }
+        self.version = extracted.version;
+        self.exists = !extracted.sets.is_empty();
+        self.is_lit = false;
+        let mut packed = Vec::new();
+        for set in &extracted.sets {
+            // A material that isn't loaded is a change once it is.
+            let Some(material) = assets.get(set.material) else {
+                continue;
+            };
+            self.is_lit |= !material.unlit;
+            let index = materials.index(set.material);
+            let flags = mode_of(material) | set.groups;
+            packed.extend(set.particles.iter().map(|particle| GpuParticle {
+                position: particle.position.to_array(),
+                half_size: (0.5 * particle.size).to_array(),
+                rotation: particle.rotation,
+                material: index,
+                flags,
+                color: particle.color.to_f32_array(),
+            }));
+        }
+        if packed.len() > MAX_PARTICLES {
+            warn_once!("reflections show {MAX_PARTICLES} of {} particles", packed.len());
+            packed.truncate(MAX_PARTICLES);
+        }
+        self.tree.build(packed.iter().map(bounds));
+        self.particles.clear();
+        let in_order = self.tree.order().iter().map(|index| packed[*index as usize]);
+        self.particles.extend(in_order);
+        self.upload(is_stranded, meshes, queue);
+        Change::Unmarked
+    }
+
+    /// Writes the nodes and the particles behind them.
+    fn upload(&mut self, moves: bool, meshes: &mut SceneMeshes, queue: &RenderQueue) {
+        let nodes: &[u32] = bytemuck::cast_slice(self.tree.nodes());
+        let words = nodes.len() + PARTICLE_WORDS * self.particles.len();
+        let room = self.slice.as_ref().map_or(0, |slice| slice.words() as usize);
+        if words == 0 || words > room || 4 * words < room || moves {
+            if let Some(slice) = self.slice.take() {
+                meshes.geometry.free(slice);
+            }
+            // Room for more, so that a growing number of particles rarely moves.
+            let wanted = [words.next_power_of_two(), words].map(|words| words as u32);
+            self.slice = wanted
+                .into_iter()
+                .filter(|words| *words > 0 && !self.particles.is_empty())
+                .find_map(|words| meshes.geometry.allocate(words));
+        }
+        self.lacks_room = self.slice.is_none() && !self.particles.is_empty();
+        if let Some(slice) = &self.slice {
+            meshes.geometry.write(queue, slice, nodes);
+            let particles = bytemuck::cast_slice(&self.particles);
+            meshes.geometry.write_from(queue, slice, nodes.len(), particles);
+        } else if self.lacks_room {
+            warn_once!("reflections show no particles, since the device lacks memory for them");
+        }
+    }
+}
+
+/// The box around a particle in any direction, enlarged by the rounding of the shader's tests.
+fn bounds(particle: &GpuParticle) -> Box6 {
+    let centre = Vec3::from(particle.position);
+    let [x, y] = particle.half_size;
+    let reach = 1.0001 * x.hypot(y) + 1e-6 * centre.abs().max_element();
+    Box6::new(centre - reach, centre + reach)
+}
+
+#[cfg(test)]
+mod tests;
