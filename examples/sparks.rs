@@ -1,7 +1,7 @@
 //! Sparks that fly from an anvil, and in the polished floor below it.
 //!
-//! The app draws the sparks for its camera, as one mesh of quads that face it. A mirror would show the backs of these quads. The same sparks
-//! are therefore listed in a `ReflectedParticles` component, whose quads face the viewer of each reflection.
+//! The app draws the sparks for its camera, as one mesh of quads that face it. A mirror would show the backs of these quads. The same
+//! sparks are therefore listed in a `ReflectedParticles` component, whose quads face the viewer of each reflection.
 //!
 //! | Key | Does |
 //! | --- | --- |
@@ -34,6 +34,7 @@ fn main() {
 pub fn plugin(app: &mut App) {
     app.add_plugins(RayTracedReflectionsPlugin::default())
         .insert_resource(ClearColor(Color::BLACK))
+        .insert_resource(GlobalAmbientLight::NONE)
         .add_systems(Startup, (spawn_forge, spawn_sparks, spawn_camera, show_keys))
         .add_systems(Update, (switch, fly).chain());
 }
@@ -177,7 +178,7 @@ fn spawn_forge(
     put(Vec3::new(0.6, 0.04, 0.06), ANVIL, Color::BLACK, 0.9, fire);
     for at in [ANVIL + Vec3::new(0.0, 0.5, 0.3), Vec3::new(-2.0, 0.9, -1.7)] {
         let light = PointLight {
-            intensity: 60_000.0,
+            intensity: 90_000.0,
             color: Color::srgb(1.0, 0.55, 0.25),
             ..default()
         };

@@ -15,8 +15,8 @@ use super::{
     meshes::SceneMeshes,
 };
 use bevy::{
-    asset::UntypedAssetId, color::ColorToComponents, log::warn_once, math::Vec3, pbr::StandardMaterial,
-    platform::collections::HashSet, prelude::AlphaMode, render::renderer::RenderQueue,
+    color::ColorToComponents, log::warn_once, math::Vec3, pbr::StandardMaterial, prelude::AlphaMode,
+    render::renderer::RenderQueue,
 };
 use bytemuck::{Pod, Zeroable};
 use tree::{Box6, Tree};
@@ -128,13 +128,13 @@ impl ParticleTable {
     pub fn update(
         &mut self,
         extracted: &ExtractedParticles,
-        changed_materials: &HashSet<UntypedAssetId>,
-        (assets, materials): (&MaterialAssets, &mut MaterialTable),
+        assets: &MaterialAssets,
+        materials: &mut MaterialTable,
         meshes: &mut SceneMeshes,
         queue: &RenderQueue,
     ) -> Change {
-        let uses = |material: &UntypedAssetId| extracted.sets.iter().any(|set| set.material == *material);
-        let is_repainted = !extracted.sets.is_empty() && changed_materials.iter().any(uses);
+        let uses = |material| extracted.sets.iter().any(|set| set.material == material);
+        let is_repainted = !extracted.sets.is_empty() && assets.changed().any(uses);
         let is_stranded = self
             .slice
             .as_ref()

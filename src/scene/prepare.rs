@@ -92,6 +92,7 @@ pub(super) fn prepare_scene(mut scene: Scene, mut changed_materials: Local<HashS
         .update(&scene.device, &scene.queue, &scene.cache, &scene.images);
     let resettled = scene.textures.take_resettled();
     scene.bindings.follow_kernels(&scene.cache);
+    scene.prepare_particles();
     scene.prepare_instances(&mut changed_materials, &resettled);
     update_materials(
         &mut scene.assets,
@@ -176,9 +177,6 @@ impl Scene<'_, '_> {
         bindings.instances.truncate(slots);
         bindings.instances.upload(device, queue);
         bindings.version.note(change);
-        let own_materials = (&*self.assets, &mut *self.materials);
-        let particles = (bindings.particles).update(&self.particles, changed_materials, own_materials, meshes, queue);
-        bindings.version.note(particles);
         // An object looks the same as its copy in a merged tree, so this isn't a change of the scene.
         let is_bvh = bindings.tracer == ReflectionTracer::Bvh;
         if is_bvh {
@@ -256,6 +254,17 @@ impl Scene<'_, '_> {
         if !self.lights.textures().is_empty() {
             self.bindings.light_textures.detect(self.lighting.as_deref());
         }
+    }
+
+    /// Updates particles. Runs before instances, after which no buffer is replaced, and before materials are packed, which clears their
+    /// changes.
+    fn prepare_particles(&mut self) {
+        if !self.activity.active {
+            return;
+        }
+        let (particles, meshes) = (&mut self.bindings.particles, &mut *self.meshes);
+        let change = particles.update(&self.particles, &self.assets, &mut self.materials, meshes, &self.queue);
+        self.bindings.version.note(change);
     }
 
     /// Updates light probes.

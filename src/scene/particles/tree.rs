@@ -1,7 +1,7 @@
 //! A tree over particles: binary and complete, so that the shader needs neither indices of children nor a stack.
 //!
-//! Node 1 is the root, node `i` has the children `2 i` and `2 i + 1`, and the nodes of the last level are particles. The boxes of that level
-//! aren't stored: a particle is tested as fast as its box.
+//! Node 1 is the root, node `i` has the children `2 i` and `2 i + 1`, and the nodes of the last level are particles. The boxes of that
+//! level aren't stored: a particle is tested as fast as its box.
 
 use bevy::math::Vec3;
 use bytemuck::{Pod, Zeroable};
@@ -47,7 +47,7 @@ impl Box6 {
         )
     }
 
-    /// Twice the centre, halved first because the sum can overflow.
+    /// A coordinate of the centre. Corners are halved first, because their sum can overflow.
     fn middle(&self, axis: usize) -> f32 {
         0.5 * self.low[axis] + 0.5 * self.high[axis]
     }

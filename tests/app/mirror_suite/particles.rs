@@ -5,7 +5,7 @@ use crate::{
     pictures::{apps, differing_pixels, warm_up},
     stage::{BEFORE_THE_MIRROR, SIZE, spawn_mesh},
 };
-use bevy::{camera::visibility::RenderLayers, light::NotShadowCaster, prelude::*};
+use bevy::{camera::visibility::RenderLayers, light::NotShadowCaster, math::Affine2, prelude::*};
 use bevy_glint::{NotReflected, ReflectedLayers, ReflectedParticle, ReflectedParticles, ReflectionTechnique};
 use glint_scenes::Output;
 
@@ -28,6 +28,7 @@ pub(super) const ROWS: [Row; 12] = [
     }),
     ("blended particles, lit", |stage| {
         // Bevy lights blended surfaces with the normal of the prepass behind them, which is nearly the same on a wall.
+        stage.sun = Vec3::Z;
         stage.spawn_back();
         stage.spawn_particles(AlphaMode::Blend, false);
     }),
@@ -122,6 +123,8 @@ impl Stage<'_> {
         let material = StandardMaterial {
             base_color: Color::linear_rgba(0.9, 0.7, 0.6, 0.9),
             base_color_texture: Some(texture),
+            // Few borders: if colours change from pixel to pixel, half a pixel makes a difference.
+            uv_transform: Affine2::from_scale(Vec2::new(0.25, 0.375)),
             emissive: LinearRgba::rgb(0.2, 0.1, 0.05),
             perceptual_roughness: 0.7,
             alpha_mode,
