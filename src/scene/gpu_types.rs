@@ -270,6 +270,8 @@ pub struct GpuSceneCounts {
     pub particle_leaf_count: u32,
     /// Number of particles.
     pub particle_count: u32,
+    /// 1 if particles changed in this frame.
+    pub particles_move: u32,
 }
 
 const _: () = assert!(size_of::<GpuInstance>() == 128);
@@ -277,4 +279,4 @@ const _: () = assert!(size_of::<GpuMaterial>() == 128);
 const _: () = assert!(size_of::<GpuLight>() == 64);
 const _: () = assert!(size_of::<GpuLightTexture>() == size_of::<GpuLight>());
 const _: () = assert!(size_of::<GpuLightProbe>() == 80);
-const _: () = assert!(size_of::<GpuSceneCounts>() == 80);
+const _: () = assert!(size_of::<GpuSceneCounts>() == 84);

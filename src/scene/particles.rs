@@ -76,6 +76,8 @@ pub(super) struct ParticleCounts {
     pub leaves: u32,
     /// Number of particles.
     pub particles: u32,
+    /// They changed in this frame.
+    pub move_now: bool,
 }
 
 /// The particles on the GPU.
@@ -90,6 +92,8 @@ pub(super) struct ParticleTable {
     exists: bool,
     /// Some of them are lit.
     is_lit: bool,
+    /// They changed in this frame.
+    move_now: bool,
     /// The geometry buffer had no room for all of them.
     lacks_room: bool,
 }
@@ -111,6 +115,7 @@ impl ParticleTable {
                 first_word: slice.base(),
                 leaves: self.tree.leaf_count() as u32,
                 particles: self.particles.len() as u32,
+                move_now: self.move_now,
             },
             _ => ParticleCounts::default(),
         }
@@ -140,7 +145,8 @@ impl ParticleTable {
             .as_ref()
             .is_some_and(|slice| meshes.geometry.is_stranded(slice));
         let has_room_now = self.lacks_room && meshes.geometry.may_ask_again();
-        if extracted.version == self.version && !is_repainted && !is_stranded && !has_room_now {
+        self.move_now = extracted.version != self.version || is_repainted;
+        if !self.move_now && !is_stranded && !has_room_now {
             return Change::Nothing;
         }
         self.version = extracted.version;

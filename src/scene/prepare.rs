@@ -337,6 +337,7 @@ impl Scene<'_, '_> {
             first_word: first_particle_word,
             leaves: particle_leaf_count,
             particles: particle_count,
+            move_now: particles_move,
         } = bindings.particles.counts();
         let uniform = GpuSceneCounts {
             light_count: bindings.lights.count(),
@@ -355,6 +356,7 @@ impl Scene<'_, '_> {
             first_particle_word,
             particle_leaf_count,
             particle_count,
+            particles_move: particles_move.into(),
             ..bindings.uniform_data
         };
         if uniform != bindings.uniform_data || bindings.bind_group.is_none() {

@@ -6,7 +6,9 @@ use crate::{
     stage::{BLUE, GREEN, RED, metal, spawn_camera, spawn_mesh, unlit},
 };
 use bevy::prelude::*;
-use bevy_glint::{RayTracedReflections, ReflectionTechnique, ReflectionTracerChoice};
+use bevy_glint::{
+    RayTracedReflections, ReflectedParticle, ReflectedParticles, ReflectionTechnique, ReflectionTracerChoice,
+};
 use glint_scenes::{HeadlessApp, Output, SceneName};
 
 /// At fewer pixels, sampling a history between its pixels blurs more than the floor does.
@@ -109,6 +111,30 @@ const CROSS: Step = |app, scene, frames| place(app, scene.subject).translation.x
 #[test]
 fn a_lamp_that_crosses_a_glossy_floor_leaves_no_trail() {
     expect("crossing", 1.02, |app| lamp(app, 0.15), CROSS);
+}
+
+/// Particles have no motion vectors.
+#[test]
+#[ignore = "long: hundreds of frames of truth"]
+fn a_particle_that_crosses_a_glossy_floor_leaves_no_trail() {
+    expect(
+        "crossing-particle",
+        1.1,
+        |app| {
+            let scene = scene(app, 0.15, Sphere::new(0.01), unlit(RED));
+            let material = app.world().resource_mut::<Assets<StandardMaterial>>().add(unlit(RED));
+            let particle = ReflectedParticle {
+                size: Vec2::splat(0.7),
+                ..default()
+            };
+            app.world().entity_mut(scene.subject).insert(ReflectedParticles {
+                particles: vec![particle],
+                material,
+            });
+            scene
+        },
+        CROSS,
+    );
 }
 
 /// The smoother the floor, the more its history is worth.
