@@ -1,4 +1,4 @@
-//! Cost of crowds: of characters and fields, which are posed on the GPU in each frame, and of lamps, which hits sample.
+//! Cost of crowds: of characters and fields, which are posed on the GPU in each frame, of particles, and of lamps, which hits sample.
 
 use crate::{
     table::{Csv, number, quantile},
@@ -16,8 +16,9 @@ use bevy::{
     render::diagnostic::RenderDiagnosticsPlugin,
 };
 use bevy_glint::{
-    RayTracedReflections, RayTracedReflectionsPlugin, ReflectedPose, ReflectedVertexShader, ReflectedVertices,
-    ReflectionStatus, ReflectionStatusReport, ReflectionTechnique, ReflectionTracer, ReflectionTracerChoice,
+    RayTracedReflections, RayTracedReflectionsPlugin, ReflectedParticle, ReflectedParticles, ReflectedPose,
+    ReflectedVertexShader, ReflectedVertices, ReflectionStatus, ReflectionStatusReport, ReflectionTechnique,
+    ReflectionTracer, ReflectionTracerChoice,
 };
 use glint_scenes::{HeadlessApp, HeadlessSettings, SystemClock};
 use std::collections::BTreeMap;
@@ -28,6 +29,7 @@ const LAMPS: [usize; 2] = [10, 10_000];
 const AROUND: u32 = 100;
 const ALONG: u32 = 100;
 const JOINTS: usize = 8;
+const PARTICLES: u16 = 10_000;
 const FRAME_LIMIT: u32 = 20_000;
 /// Warm-up frames.
 const WARM_UP_FRAMES: u32 = 10;
@@ -100,6 +102,19 @@ pub fn measure(tracers: &[ReflectionTracerChoice], crowds: &Crowds, csv: &mut Cs
                 measured.print(&format!("a field of 200,000 triangles {name}"), word, csv);
             }
         }
+        if wants("particles") {
+            let mut setup = Setup::new(tracer, crowds.size)?;
+            setup.spawn_pond();
+            for (name, count, fly) in [
+                ("no particles", 0, false),
+                ("10,000 particles that stay", PARTICLES, false),
+                ("10,000 particles that fly", PARTICLES, true),
+            ] {
+                setup.set_particles(count);
+                let measured = setup.measure(crowds.frames, fly)?;
+                measured.print(name, word, csv);
+            }
+        }
         if wants("lamps") {
             // The characters would be lit.
             let mut setup = Setup::new(tracer, crowds.size)?;
@@ -165,6 +180,7 @@ struct Setup {
     camera: Entity,
     characters: Vec<Entity>,
     joints: Vec<Entity>,
+    particles: Option<Entity>,
     frame: u32,
 }
 
@@ -191,6 +207,7 @@ impl Setup {
             camera,
             characters: Vec::new(),
             joints: Vec::new(),
+            particles: None,
             frame: 0,
         })
     }
@@ -257,8 +274,7 @@ impl Setup {
         }
     }
 
-    /// A field before a pond, as one mesh.
-    fn spawn_field(&mut self) {
+    fn spawn_pond(&mut self) {
         let at = Transform::from_xyz(0.0, 0.0, -4.0);
         self.spawn(
             Plane3d::new(Vec3::Y, Vec2::splat(8.0)),
@@ -266,6 +282,29 @@ impl Setup {
             0.05,
             at,
         );
+    }
+
+    /// Unlit particles over the pond, in place of the last ones.
+    fn set_particles(&mut self, count: u16) {
+        if let Some(last) = self.particles.take() {
+            self.app.world().despawn(last);
+        }
+        if count == 0 {
+            return;
+        }
+        let world = self.app.world();
+        let material = world.resource_mut::<Assets<StandardMaterial>>().add(StandardMaterial {
+            alpha_mode: AlphaMode::Add,
+            unlit: true,
+            ..default()
+        });
+        let particles = (0..count).map(|index| particle(index, 0)).collect();
+        self.particles = Some(world.spawn(ReflectedParticles { particles, material }).id());
+    }
+
+    /// A field before a pond, as one mesh.
+    fn spawn_field(&mut self) {
+        self.spawn_pond();
         let sheet = Plane3d::new(Vec3::Z, Vec2::new(8.0, 1.0)).mesh().subdivisions(315);
         let field = self.spawn(
             sheet,
@@ -330,7 +369,7 @@ impl Setup {
         (0..count).map(spawn).collect()
     }
 
-    /// Turns the camera a little to one side and back, since a static view does other work, and moves the joints of the walkers.
+    /// Turns the camera a little to one side and back, since a static view does other work, and moves particles and the joints of walkers.
     fn shift(&mut self, walks: bool) {
         self.frame += 1;
         let turn = if self.frame.is_multiple_of(2) { 1e-4 } else { -1e-4 };
@@ -340,6 +379,14 @@ impl Setup {
         }
         if !walks {
             return;
+        }
+        if let Some(mut all) = self
+            .particles
+            .and_then(|entity| world.get_mut::<ReflectedParticles>(entity))
+        {
+            for (index, shown) in (0..PARTICLES).zip(&mut all.particles) {
+                *shown = particle(index, self.frame);
+            }
         }
         for (index, joint) in self.joints.iter().enumerate() {
             if let Some(mut transform) = world.get_mut::<Transform>(*joint) {
@@ -392,6 +439,21 @@ impl Setup {
             measured.pose.clear();
         }
         Ok(measured)
+    }
+}
+
+/// A particle that rises from the pond.
+fn particle(index: u16, frame: u32) -> ReflectedParticle {
+    let part = f32::from(index) / f32::from(PARTICLES);
+    let rise = (part * 977.0 + 0.005 * frame as f32).fract();
+    ReflectedParticle {
+        position: Vec3::new(
+            12.0 * (part * 617.0).fract() - 6.0,
+            3.0 * rise,
+            -1.0 - 8.0 * (part * 1_237.0).fract(),
+        ),
+        size: Vec2::splat(0.05),
+        ..default()
     }
 }
 
