@@ -90,7 +90,7 @@ pub fn spawn(world: &mut World, options: &SceneOptions) -> Entity {
             g,
             segments(24, fine),
             &[0.0, -0.1, 0.7, -0.1, 0.75, 0.3, 0.5, 1.4, 0.0, 3.2],
-        )
+        );
     });
     for index in -5i32..=5 {
         let at = Transform::from_xyz(2.6 * index as f32, 0.0, 5.0 + 2.5 * (index % 2).abs() as f32);

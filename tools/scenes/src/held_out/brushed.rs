@@ -119,7 +119,7 @@ fn gear(g: &mut Geometry, sides: u32) {
     for tooth in 0..24 {
         let turn = Transform::from_rotation(Quat::from_rotation_y(tooth as f32 / 24.0 * TAU));
         g.part(turn, |part| {
-            part.rounded_box(vec3(0.32, 0.05, 0.0), vec3(0.07, 0.098, 0.035), 0.006, 1, 2.0)
+            part.rounded_box(vec3(0.32, 0.05, 0.0), vec3(0.07, 0.098, 0.035), 0.006, 1, 2.0);
         });
     }
 }
