@@ -23,7 +23,8 @@ use bevy::{
 ///
 /// All alpha modes are supported. Rays show particles in order, up to 16 of them or until less than 0.2 % of the light from behind is left.
 /// Particles cast no shadows, on other objects or on each other. Those with a lit material receive light and shadows at the hit, with a
-/// normal towards the viewer. Normal maps and occlusion maps are ignored. Views don't
+/// normal towards the viewer. Normal maps and occlusion maps are ignored. Images of particles that change have a short history, so that
+/// they leave no trails, and views don't
 /// [converge](crate::ReflectionDenoiser::converge_static_views) while particles change.
 ///
 /// The entity's own mesh, if it has one, is not reflected ([`NotReflected`]): it would appear a second time. Add that component also to

@@ -21,7 +21,7 @@ pub struct Arguments {
     #[arg(long, value_name = "NAMES", value_delimiter = ',')]
     pub scene: Vec<String>,
     /// Measure scenes that settings aren't tuned on: all of them unless scenes are named, in two views each, with the techniques of one
-    /// comparison. Their table is also written to held_out.md.
+    /// comparison. Their table is also written to `held_out.md`.
     #[arg(long)]
     pub held_out: bool,
     /// A glTF file (.gltf or .glb), in place of or beside built-in scenes; can be given several times. Its own cameras are the views,
