@@ -123,7 +123,7 @@ pub use plugin::RayTracedReflectionsPlugin;
 pub use scene::{OriginShift, ReflectedMaterial, ReflectedMaterialPlugin};
 pub use schedule::ReflectionSystems;
 pub use settings::{
-    AdaptiveThresholds, CombinedThresholds, FrontLayerShader, GrazingThresholds, NotReflected, RATE_LEGEND, RayPool,
+    AdaptiveThresholds, CombinedThresholds, FrontLayerShader, GrazingThresholds, NotReflected, RATE_LEGEND,
     RayTracedReflections, ReflectedLayers, ReflectedMaterial3d, ReflectedMesh3d, ReflectedParticle, ReflectedParticles,
     ReflectedPose, ReflectedPoseBudget, ReflectedSurfaceShader, ReflectedVertexShader, ReflectedVertices,
     ReflectionAutoQuality, ReflectionBackend, ReflectionBudget, ReflectionDebugCounters, ReflectionDebugSplit,

@@ -1,9 +1,7 @@
 //! Queries the capabilities of the device at startup, and reports the choices with their reasons.
 
 use crate::{
-    device::{
-        ChosenTracer, FragmentRays, RaysInFlight, WritesInPlace, adapter_name, choose_tracer, texture_mode, unsupported,
-    },
+    device::{ChosenTracer, FragmentRays, WritesInPlace, adapter_name, choose_tracer, texture_mode, unsupported},
     settings::ReflectionTracerChoice,
     status::ReflectionStatus,
 };
@@ -47,8 +45,7 @@ impl Plugin for ProbePlugin {
             });
             return;
         }
-        let device_type = info.map(|info| info.device_type);
-        let fragment_rays = FragmentRays::new(tracer, device_type);
+        let fragment_rays = FragmentRays::new(tracer, info.map(|info| info.device_type));
         let textures = texture_mode(device);
         status.update(|report| {
             report.adapter = adapter;
@@ -61,7 +58,6 @@ impl Plugin for ProbePlugin {
             .insert_resource(status)
             .insert_resource(ChosenTracer(tracer))
             .insert_resource(fragment_rays)
-            .insert_resource(RaysInFlight::guess(device_type))
             .init_gpu_resource::<WritesInPlace>();
     }
 }

@@ -1,7 +1,7 @@
 //! A target for the GPU time of reflections, and the effort to meet it.
 
 use super::{
-    RayPool, ReflectionTechnique,
+    ReflectionTechnique,
     clamped::{ClampedSettings, between_steps, number_or},
     clamped_rate::RateSettings,
 };
@@ -115,9 +115,6 @@ impl ReflectionEffort {
         thresholds.quarter *= effort;
         thresholds.eighth *= effort;
         thresholds.error_target /= effort;
-        if let RayPool::Rays(rays) = &mut thresholds.pool {
-            *rays = (*rays as f32 * effort) as u32;
-        }
         let samples = &mut settings.denoiser.samples;
         *samples = ((*samples as f32 * effort).round() as u32).max(LEAST_SAMPLES.min(*samples));
         let share = effort / EFFORT_FOR_CUTOFF;

@@ -1,8 +1,8 @@
 //! A camera's heuristic as plain data for the render world and the shaders.
 
 use super::{
-    AdaptiveThresholds, CombinedThresholds, GrazingThresholds, RayPool, ReflectionTechnique, RoughnessThresholds,
-    ShadingRate, ShadingRateHeuristic, ShadingRateTileSize, clamped::number_or, heuristic::MIN_ROUGHNESS,
+    AdaptiveThresholds, CombinedThresholds, GrazingThresholds, ReflectionTechnique, RoughnessThresholds, ShadingRate,
+    ShadingRateHeuristic, ShadingRateTileSize, clamped::number_or, heuristic::MIN_ROUGHNESS,
 };
 use bevy::{asset::Handle, image::Image, shader::Shader};
 
@@ -39,8 +39,6 @@ pub(crate) struct RateThresholds {
     pub uniform_code: u32,
     /// Noise target of [`RateVariant::Adaptive`].
     pub error_target: f32,
-    /// Number of rays from which on [`RateVariant::Adaptive`] saves any.
-    pub pool: RayPool,
     /// Mirror pixels without their own ray keep their history.
     pub keeps_mirrors: bool,
 }
@@ -174,7 +172,6 @@ impl From<&AdaptiveThresholds> for RateThresholds {
         let default = AdaptiveThresholds::default();
         Self {
             error_target: number_or(thresholds.error_target, default.error_target).max(SMALLEST_TARGET),
-            pool: thresholds.pool,
             keeps_mirrors: true,
             ..(&CombinedThresholds::default()).into()
         }
@@ -183,21 +180,6 @@ impl From<&AdaptiveThresholds> for RateThresholds {
 
 /// Minimum [`AdaptiveThresholds::error_target`], which shaders divide by.
 const SMALLEST_TARGET: f32 = 1e-4;
-
-impl RateThresholds {
-    /// Noise target of a view with so many trace pixels that reflect. `in_flight` is the number of rays that the device traces at once.
-    pub fn error_target_for(&self, trace_pixels: u32, in_flight: u32) -> f32 {
-        let pool = match self.pool {
-            RayPool::Auto => in_flight,
-            RayPool::Rays(rays) => rays,
-        };
-        if pool == 0 {
-            return self.error_target;
-        }
-        let beyond = trace_pixels as f32 / pool as f32 - 1.0;
-        (self.error_target * beyond.clamp(0.0, 1.0)).max(SMALLEST_TARGET)
-    }
-}
 
 /// No roughness is below 0.
 fn min_roughness(min_roughness: Option<f32>) -> f32 {
@@ -252,10 +234,7 @@ mod tests {
                 edge: nan,
                 coarsest: ShadingRate::R2x2,
             }),
-            ShadingRateHeuristic::Adaptive(AdaptiveThresholds {
-                error_target: nan,
-                ..Default::default()
-            }),
+            ShadingRateHeuristic::Adaptive(AdaptiveThresholds { error_target: nan }),
         ];
         for (wild, name) in wild.iter().zip(["roughness", "grazing", "combined", "adaptive"]) {
             let default = name.parse::<ShadingRateHeuristic>().unwrap_or_default();
@@ -278,10 +257,7 @@ mod tests {
     #[test]
     fn adaptive_rates_can_do_without_a_history() {
         let adaptive = |error_target| {
-            let heuristic = ShadingRateHeuristic::Adaptive(AdaptiveThresholds {
-                error_target,
-                ..Default::default()
-            });
+            let heuristic = ShadingRateHeuristic::Adaptive(AdaptiveThresholds { error_target });
             RateSettings::new(&heuristic, ReflectionTechnique::Variable)
         };
         let settings = adaptive(0.0);
@@ -294,25 +270,6 @@ mod tests {
             ..combined.thresholds
         };
         assert_eq!(settings.thresholds, expected);
-    }
-
-    #[test]
-    fn small_views_save_no_rays() {
-        let target = |pool, trace_pixels| {
-            let thresholds = AdaptiveThresholds {
-                error_target: 0.08,
-                pool,
-            };
-            RateThresholds::from(&thresholds).error_target_for(trace_pixels, 1000)
-        };
-        for pool in [RayPool::Auto, RayPool::Rays(1000)] {
-            assert_eq!(target(pool, 0), SMALLEST_TARGET, "{pool:?}");
-            assert_eq!(target(pool, 1000), SMALLEST_TARGET, "{pool:?}");
-            assert_eq!(target(pool, 1500), 0.04, "{pool:?}");
-            assert_eq!(target(pool, 2000), 0.08, "{pool:?}");
-            assert_eq!(target(pool, u32::MAX), 0.08, "{pool:?}");
-        }
-        assert_eq!(target(RayPool::Rays(0), 0), 0.08);
     }
 
     #[test]

@@ -226,7 +226,6 @@ impl Default for CombinedThresholds {
 /// - **Images.** Smooth surfaces with a sharp reflection and surfaces that touch the reflected object get all rays, too.
 /// - **Neighbours.** A pixel borrows twice as many rays as set by [`samples`](crate::ReflectionDenoiser::samples), up to 16: resting tiles
 ///   save the time for that.
-/// - **Pool.** If the whole view needs no more rays than [`pool`](Self::pool), every tile gets all of them.
 /// - **Mirrors.** Without their own rays ([`full_resolution_mirrors`](crate::RayTracedReflections::full_resolution_mirrors)), exact mirrors
 ///   show each of their rays at the pixel where it started, and the history at other pixels: sharp, a few frames late.
 ///
@@ -238,34 +237,12 @@ pub struct AdaptiveThresholds {
     /// rays. Default: 0.04.
     #[reflect(@0.005..=0.5f32)]
     pub error_target: f32,
-    /// Number of rays that a frame can have before any are saved. Default: [`RayPool::Auto`].
-    pub pool: RayPool,
 }
 
 impl Default for AdaptiveThresholds {
     fn default() -> Self {
-        Self {
-            error_target: 0.04,
-            pool: RayPool::Auto,
-        }
+        Self { error_target: 0.04 }
     }
-}
-
-/// Number of rays that a frame can have before [`ShadingRateHeuristic::Adaptive`] saves any.
-///
-/// A GPU traces tens of thousands of rays at once, and waits for the longest of them. A small view with fewer rays would be no faster with
-/// half of them, only noisier. Up to one pool, each trace pixel that reflects therefore gets its ray in each frame. Up to two pools,
-/// [`error_target`](AdaptiveThresholds::error_target) grows from 0 to its value. Larger views aren't affected.
-#[derive(Reflect, Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
-#[reflect(Default, Debug, Clone, PartialEq)]
-#[non_exhaustive]
-pub enum RayPool {
-    /// Half of the threads that the GPU runs at once. The number is known with `HardwareVrsPlugin` on drivers of NVIDIA and AMD for
-    /// Vulkan; otherwise it is 16,384 for discrete GPUs, 2,048 for integrated ones, and 0 for drivers that run on the CPU.
-    #[default]
-    Auto,
-    /// This many rays. More keep the image of larger views free of noise, and take time; 0 saves rays in views of any size.
-    Rays(u32),
 }
 
 /// Size of the tiles that share a rate, as a separate component. The hardware back end only supports the sizes of its device, and falls

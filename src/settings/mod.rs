@@ -55,7 +55,7 @@ pub use denoiser::ReflectionDenoiser;
 pub use front_layer::FrontLayerShader;
 pub use guides::ReflectionGuides;
 pub use heuristic::{
-    AdaptiveThresholds, CombinedThresholds, GrazingThresholds, RayPool, RoughnessThresholds, ShadingRateHeuristic,
+    AdaptiveThresholds, CombinedThresholds, GrazingThresholds, RoughnessThresholds, ShadingRateHeuristic,
     ShadingRateTileSize,
 };
 pub use particles::{ReflectedParticle, ReflectedParticles};

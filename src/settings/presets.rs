@@ -58,10 +58,7 @@ impl ReflectionPreset {
                     },
                     ..default
                 },
-                ShadingRateHeuristic::Adaptive(AdaptiveThresholds {
-                    error_target: 0.16,
-                    ..AdaptiveThresholds::default()
-                }),
+                ShadingRateHeuristic::Adaptive(AdaptiveThresholds { error_target: 0.16 }),
             ),
             Self::Medium => (default, ShadingRateHeuristic::default()),
             Self::High => (

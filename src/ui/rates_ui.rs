@@ -6,8 +6,8 @@ use super::{
     widgets::{Choice, Row, choose, field, only_variable, optional_unit, pick, slider, unit},
 };
 use crate::settings::{
-    AdaptiveThresholds, CombinedThresholds, GrazingThresholds, RayPool, RoughnessThresholds, ShadingRate,
-    ShadingRateHeuristic, ShadingRateTileSize,
+    AdaptiveThresholds, CombinedThresholds, GrazingThresholds, RoughnessThresholds, ShadingRate, ShadingRateHeuristic,
+    ShadingRateTileSize,
 };
 use bevy_egui::egui::Ui;
 
@@ -203,17 +203,4 @@ fn adaptive(ui: &mut Ui, thresholds: &mut AdaptiveThresholds, reason: Option<&st
         default.error_target,
         |ui, value| slider(ui, value, 0.002..=0.2, |slider| slider.logarithmic(true)),
     );
-    let pool = Row::new("Ray pool", tooltip!(AdaptiveThresholds.pool)).unless(reason);
-    field(ui, pool, &mut thresholds.pool, default.pool, |ui, value| {
-        let tooltip = tooltip!(AdaptiveThresholds.pool);
-        let choice = |pool, name: &str| Choice::new(pool, name, tooltip);
-        let choices = [
-            choice(RayPool::Auto, "Auto"),
-            choice(RayPool::Rays(0), "None"),
-            choice(RayPool::Rays(1 << 14), "16 thousand"),
-            choice(RayPool::Rays(1 << 16), "66 thousand"),
-            choice(RayPool::Rays(1 << 18), "262 thousand"),
-        ];
-        pick(ui, value, &choices)
-    });
 }

@@ -7,7 +7,7 @@
 //!
 //! No view is culled if reports don't arrive.
 
-use crate::common::{CHANGE_COUNT, RAY_COUNT, TILE_COUNT, word_offset};
+use crate::common::{CHANGE_COUNT, RAY_COUNT, word_offset};
 use bevy::{
     ecs::prelude::*,
     render::{
@@ -26,8 +26,6 @@ const PATIENCE: u32 = 60;
 const REPORTS: usize = 4;
 /// Bytes of a report's lengths of the three lists, from [`RAY_COUNT`] on.
 const LIST_BYTES: u64 = 12;
-/// First byte of the number of tiles in a report.
-const TILE_BYTE: usize = (word_offset(TILE_COUNT) - word_offset(RAY_COUNT)) as usize;
 /// Bytes of a report: these, and the number of rays that hit a change.
 const REPORT_BYTES: u64 = 16;
 
@@ -92,8 +90,6 @@ const LOST: u8 = 3;
 struct Seen {
     /// Nothing reflective was in view.
     empty: bool,
-    /// Number of tiles with something reflective; `None` if the report can't be read.
-    tiles: Option<u32>,
     /// Rays hit a change.
     change: bool,
 }
@@ -116,24 +112,18 @@ impl Report {
             return None;
         }
         let words = self.buffer.slice(..).get_mapped_range();
-        let seen = words.map(|bytes| {
+        // The view counts as not empty if the report can't be read.
+        let is_zero = words.map(|bytes| {
             let (lengths, changes) = bytes.split_at(LIST_BYTES as usize);
-            let [empty, unchanged] = [lengths, changes].map(|part| part.iter().all(|byte| *byte == 0));
-            let tiles = lengths.get(TILE_BYTE..).and_then(|word| word.first_chunk());
-            Seen {
-                empty,
-                tiles: tiles.map(|word| u32::from_le_bytes(*word)),
-                change: !unchanged,
-            }
+            [lengths, changes].map(|part| part.iter().all(|byte| *byte == 0))
         });
         self.buffer.unmap();
         self.state.store(FREE, Ordering::Release);
-        // The view counts as not empty if the report can't be read.
-        Some(seen.unwrap_or(Seen {
-            empty: false,
-            tiles: None,
-            change: true,
-        }))
+        let [empty, unchanged] = is_zero.unwrap_or_default();
+        Some(Seen {
+            empty,
+            change: !unchanged,
+        })
     }
 }
 
@@ -142,8 +132,6 @@ impl Report {
 pub struct ViewCulling {
     state: CullingState,
     reports: [Report; REPORTS],
-    /// Number of reflective tiles by the last report.
-    tiles: Option<u32>,
     /// Number of reports with rays that hit a change.
     changes_met: u32,
     /// The last report came from passes that count changes.
@@ -170,7 +158,6 @@ impl ViewCulling {
         Self {
             state: CullingState::default(),
             reports: core::array::from_fn(report),
-            tiles: None,
             changes_met: 0,
             watches: false,
         }
@@ -182,7 +169,6 @@ impl ViewCulling {
         for report in &self.reports {
             if let Some(seen) = report.take() {
                 self.state.note(report.generation.load(Ordering::Relaxed), seen.empty);
-                self.tiles = seen.tiles;
                 self.watches = report.watches.load(Ordering::Relaxed);
                 self.changes_met = self.changes_met.wrapping_add(u32::from(self.watches && seen.change));
             }
@@ -204,11 +190,6 @@ impl ViewCulling {
     /// Returns whether the rate pass runs in this frame.
     pub(crate) fn probes(&self) -> bool {
         self.state.probes()
-    }
-
-    /// Number of tiles with something reflective, as of a few frames ago; `None` if unknown.
-    pub(crate) fn tiles(&self) -> Option<u32> {
-        self.tiles.filter(|_| self.state.silent <= PATIENCE)
     }
 
     /// Number of frames, as of a few frames ago, with rays that hit a change; `None` if unknown.

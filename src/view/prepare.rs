@@ -6,7 +6,7 @@ use super::{
     uniform::{Frame, Screen, VIEW_DRAWS_GLASS, VIEW_HAS_IRRADIANCE, VIEW_HAS_SSAO},
 };
 use crate::{
-    device::{MemoryRetry, RaysInFlight, WritesInPlace, try_allocate},
+    device::{MemoryRetry, WritesInPlace, try_allocate},
     scene::{
         SceneBindings,
         environment::{EnvironmentBindings, ViewEnvironment},
@@ -55,7 +55,6 @@ pub(crate) struct Surroundings<'w, 's> {
     cameras: Query<'w, 's, &'static ExtractedCamera>,
     scene: Res<'w, SceneBindings>,
     environments: Res<'w, EnvironmentBindings>,
-    in_flight: Res<'w, RaysInFlight>,
     time: Res<'w, Time>,
 }
 
@@ -92,14 +91,6 @@ impl PreparedViewItem<'_, '_> {
         room.or(self.camera.physical_viewport_size).unwrap_or_default()
     }
 
-    /// Noise target of a view, if a report has told how much of it reflects.
-    fn error_target(&self, in_flight: u32) -> Option<f32> {
-        let rate = &self.view.rate;
-        let tiles = self.culling.as_ref()?.tiles()?;
-        let reflecting = tiles.saturating_mul(rate.tile_size * rate.tile_size);
-        Some(rate.thresholds.error_target_for(reflecting, in_flight))
-    }
-
     pub fn frame(&self, surroundings: &Surroundings) -> Frame {
         let extracted = self.extracted;
         let mut flags = if self.ssao { VIEW_HAS_SSAO } else { 0 };
@@ -131,7 +122,6 @@ impl PreparedViewItem<'_, '_> {
             environment: self.environment.cloned(),
             environment_id: environment.map(|group| group.id()),
             may_move: self.view.settings.marches_screen() || cameras.any(|other| is_screen(other, self.camera)),
-            error_target: self.error_target(surroundings.in_flight.0),
             culled: self.culling.as_ref().is_some_and(|culling| culling.is_culled()),
             screen: Screen::Last,
         }

@@ -171,8 +171,6 @@ pub(crate) struct Frame {
     /// Something might change undetected: other cameras render into images that surfaces can show, a shader moves surfaces, or rays
     /// find surfaces on the screen that the scene doesn't have.
     pub may_move: bool,
-    /// Replaces the noise target of the settings.
-    pub error_target: Option<f32>,
     /// Nothing of the frame is kept.
     pub culled: bool,
     pub screen: Screen,
@@ -186,7 +184,6 @@ impl Frame {
             gbuffer_origin: UVec2::ZERO,
             first_tile,
             changes_met: None,
-            error_target: None,
             may_move: self.may_move || may_move,
             culled: false,
             screen: Screen::This,
@@ -297,7 +294,7 @@ impl GpuReflectionView {
             rate_visibility_threshold: rate.visibility_threshold,
             rate_max_level: rate.max_level,
             rate_uniform_code: rate.uniform_code,
-            rate_error_target: frame.error_target.unwrap_or(rate.error_target),
+            rate_error_target: rate.error_target,
             max_bounces: settings.max_bounces,
             bounce_cutoff: settings.bounce_cutoff,
             seconds: frame.seconds,

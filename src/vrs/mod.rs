@@ -32,7 +32,6 @@ mod shader;
 mod states;
 #[cfg(test)]
 mod tests;
-mod threads;
 
 pub use init::{HardwareVrs, HardwareVrsPlugin};
 
@@ -41,7 +40,7 @@ pub(crate) use contents::BindGroupContents;
 pub(crate) use draw::{DrawGroup, PipelineRequest, VrsDraw};
 
 use crate::{
-    device::{HardwareVrsSupport, RaysInFlight, tracing_app},
+    device::{HardwareVrsSupport, tracing_app},
     schedule::ReflectionSystems,
     status::ReflectionStatus,
 };
@@ -49,9 +48,8 @@ use backend::{collect_shaders, evict_unused, init_backend};
 use bevy::{
     app::{App, Plugin},
     ecs::schedule::IntoScheduleConfigs,
-    render::{ExtractSchedule, Render, RenderStartup, RenderSystems, renderer::RenderDevice},
+    render::{ExtractSchedule, Render, RenderStartup, RenderSystems},
 };
-use threads::resident_threads;
 
 /// Checks whether the hardware can use rate images with tiles of `tile` x `tile` trace pixels. `support` is the main world's
 /// resource.
@@ -90,10 +88,6 @@ impl Plugin for VrsPlugin {
         let Some(render_app) = tracing_app(app) else { return };
         if let Some(report) = render_app.world().get_resource::<ReflectionStatus>() {
             report.update(|report| report.hardware_vrs = support.status());
-        }
-        let device = render_app.world().get_resource::<RenderDevice>();
-        if let Some(threads) = device.and_then(resident_threads) {
-            render_app.insert_resource(RaysInFlight::of_threads(threads));
         }
         render_app
             .insert_resource(support)

@@ -6,7 +6,7 @@ use crate::{
 };
 use bevy::{math::UVec2, prelude::*};
 use bevy_glint::{
-    AdaptiveThresholds, RayPool, RayTracedReflections, ReflectionTracerChoice, ShadingRateHeuristic,
+    RayTracedReflections, ReflectionTracerChoice, ShadingRateHeuristic,
     internals::{RATE_ACTIVE, Target, readback},
     named_settings,
 };
@@ -87,38 +87,4 @@ fn rates_settle() {
     println!("moving: {changes} of the tiles change, {moving_rays} rays");
     assert!(changes < MOST_CHANGES_IN_MOTION, "{changes}");
     assert!(moving_rays < 0.9 * first, "{moving_rays} rays of {first}");
-}
-
-/// A view whose rays fit into the pool traces all of them, and one with twice as many saves as many as without a pool.
-#[test]
-fn small_views_trace_all_rays() {
-    let Some(mut app) = app(SIZE, Output::Linear, ReflectionTracerChoice::Bvh) else {
-        return;
-    };
-    use_coarse_shadow_maps(&mut app);
-    let camera = app.spawn_scene(SceneName::AtriumSmall, &COARSE);
-    let (settings, _) = named_settings("vrs-adaptive").unwrap();
-    app.world().entity_mut(camera).insert(RayTracedReflections {
-        roughness_cutoff: 1.0,
-        ..settings
-    });
-    warm_up(&mut app);
-    let mut rays = |pool| {
-        let heuristic = ShadingRateHeuristic::Adaptive(AdaptiveThresholds {
-            pool,
-            ..Default::default()
-        });
-        app.world().entity_mut(camera).insert(heuristic);
-        app.world().get_mut::<RayTracedReflections>(camera).unwrap().reset = true;
-        app.step(24);
-        watch(&mut app, camera, 8, |_| {}).1
-    };
-    let saved = rays(RayPool::Rays(0));
-    let all = rays(RayPool::Rays(SIZE.element_product()));
-    let half = rays(RayPool::Rays((all / 1.5) as u32));
-    let small = rays(RayPool::Rays((all / 2.5) as u32));
-    println!("{saved} rays without a pool, {all} in it, {half} and {small} beyond it");
-    assert!(all > 1.2 * saved);
-    assert!(half < all && half > saved);
-    assert!((small - saved).abs() < 0.05 * saved);
 }
