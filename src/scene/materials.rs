@@ -405,6 +405,12 @@ impl MaterialTable {
         last
     }
 
+    /// Returns whether a material or one of its images has changed lately.
+    pub fn is_restless(&self, material: UntypedAssetId) -> bool {
+        let index = self.indices.get(&material);
+        index.is_some_and(|index| self.restless.contains_key(index))
+    }
+
     /// Call once per frame: clears the marks of materials that haven't changed for a while.
     fn settle(&mut self) {
         let Self {

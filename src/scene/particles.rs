@@ -83,7 +83,10 @@ pub(super) struct ParticleCounts {
 /// The particles on the GPU.
 #[derive(Default)]
 pub(super) struct ParticleTable {
+    /// In the order of the tree.
     particles: Vec<GpuParticle>,
+    /// In the order of the app.
+    given: Vec<GpuParticle>,
     tree: Tree,
     slice: Option<ArenaSlice>,
     /// Version of the extracted particles in the table.
@@ -139,7 +142,9 @@ impl ParticleTable {
         queue: &RenderQueue,
     ) -> Change {
         let uses = |material| extracted.sets.iter().any(|set| set.material == material);
-        let is_repainted = !extracted.sets.is_empty() && assets.changed().any(uses);
+        // Rays don't note what they see of particles.
+        let is_repainted = !extracted.sets.is_empty()
+            && (assets.changed().any(uses) || extracted.sets.iter().any(|set| materials.is_restless(set.material)));
         let is_stranded = self
             .slice
             .as_ref()
@@ -158,7 +163,7 @@ impl ParticleTable {
             let Some(material) = assets.get(set.material) else {
                 continue;
             };
-            self.is_lit |= !material.unlit;
+            self.is_lit |= !material.unlit && material.alpha_mode != AlphaMode::Multiply;
             let index = materials.index(set.material);
             let flags = mode_of(material) | set.groups;
             packed.extend(set.particles.iter().map(|particle| GpuParticle {
@@ -174,10 +179,16 @@ impl ParticleTable {
             warn_once!("reflections show {MAX_PARTICLES} of {} particles", packed.len());
             packed.truncate(MAX_PARTICLES);
         }
+        // Apps write the same particles again, too.
+        if packed == self.given && !is_repainted && !is_stranded && !has_room_now {
+            self.move_now = false;
+            return Change::Nothing;
+        }
         self.tree.build(packed.iter().map(bounds));
         self.particles.clear();
         let in_order = self.tree.order().iter().map(|index| packed[*index as usize]);
         self.particles.extend(in_order);
+        self.given = packed;
         self.upload(is_stranded, meshes, queue);
         Change::Unmarked
     }

@@ -23,12 +23,15 @@ use bevy::{
 ///
 /// All alpha modes are supported. Rays show particles in order, up to 16 of them or until less than 0.2 % of the light from behind is left.
 /// Particles cast no shadows, on other objects or on each other. Those with a lit material receive light and shadows at the hit, with a
-/// normal towards the viewer. Normal maps and occlusion maps are ignored. Images of particles that change have a short history, so that
-/// they leave no trails, and views don't
-/// [converge](crate::ReflectionDenoiser::converge_static_views) while particles change.
+/// normal towards the viewer; with [`AlphaMode::Multiply`](bevy::prelude::AlphaMode::Multiply), neither light nor fog changes them. Normal
+/// maps and occlusion maps are ignored. Paths of several bounces show particles of later segments as seen along a straight line.
+///
+/// Images of particles that change have a short history, so that they leave no trails. Views don't
+/// [converge](crate::ReflectionDenoiser::converge_static_views) while particles change. The history of particles that stay follows the
+/// surface behind them: in smooth surfaces they can smear while the camera moves.
 ///
 /// The entity's own mesh, if it has one, is not reflected ([`NotReflected`]): it would appear a second time. Add that component also to
-/// other entities that draw the particles. [`Visibility`] and [`RenderLayers`](bevy::camera::visibility::RenderLayers) apply to all
+/// other entities that draw the particles. It stays when this component is removed. [`Visibility`] and [`RenderLayers`](bevy::camera::visibility::RenderLayers) apply to all
 /// particles of the entity.
 ///
 /// Each change of a component sorts all particles of the scene into a tree on the CPU. Up to 262,144 particles are shown. Rays take longer

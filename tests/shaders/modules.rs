@@ -525,7 +525,8 @@ fn lights_and_counts_match_the_cpu() {
             depth_bias_range,
             first_particle_word,
             particle_leaf_count,
-            particle_count
+            particle_count,
+            particles_move
         ]
     );
 }

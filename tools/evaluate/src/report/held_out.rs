@@ -118,6 +118,14 @@ pub fn section(rows: &[Row]) -> String {
         cells(&means, false, &mut text);
         text.push('\n');
     }
+    let missing: Vec<&str> = SceneName::HELD_OUT
+        .map(SceneName::as_str)
+        .into_iter()
+        .filter(|scene| !names.contains(scene))
+        .collect();
+    if !missing.is_empty() {
+        let _ = writeln!(text, "\nNot measured: {}.", missing.join(", "));
+    }
     text.push('\n');
     text
 }
@@ -151,6 +159,7 @@ mod tests {
             "| arcade | vrs-adaptive, bvh | 50.0 | 50.0 | +3.00 | +1.50 |",
             "| corridor | vrs-adaptive, bvh | 200.0 | 80.0 | -1.00 | -0.50 |",
             "| **mean** | quarter, bvh | 100.0 | 100.0 | 0.75 | 0.38 |",
+            "Not measured: brushed, bathroom, pond, showroom, pedestal.",
             // sqrt(50 * 200) and sqrt(50 * 80).
             "| **mean** | vrs-adaptive, bvh | 100.0 | 63.2 | 2.00 | 1.00 |",
         ];
