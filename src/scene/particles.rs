@@ -142,7 +142,7 @@ impl ParticleTable {
         queue: &RenderQueue,
     ) -> Change {
         let uses = |material| extracted.sets.iter().any(|set| set.material == material);
-        // Rays don't note what they see of particles.
+        // Rays count the changed surfaces that they hit, and no particles.
         let is_repainted = !extracted.sets.is_empty()
             && (assets.changed().any(uses) || extracted.sets.iter().any(|set| materials.is_restless(set.material)));
         let is_stranded = self

@@ -16,7 +16,7 @@ use bevy::{
 ///
 /// Quads that face the camera have the wrong side, or their edge, towards a mirror. The particles of this component instead face the
 /// viewer of each reflection: the camera, mirrored by the surface that reflects. Reflections show them, and only reflections do. The app
-/// draws what the camera sees directly, in any way, and writes the same particles into this component in each frame in which they change.
+/// draws what the camera sees directly. It writes the same particles into this component when they change.
 ///
 /// A quad faces the viewer's position, not the plane of the image. Its upper side points up in the world, before its own
 /// [`rotation`](ReflectedParticle::rotation). On an orthographic camera, all quads face against the direction of view.
@@ -65,7 +65,7 @@ pub struct ReflectedParticles {
     /// The particles, in any order. Empty by default. Particles with values that aren't finite, or with a negative size, are left out.
     pub particles: Vec<ReflectedParticle>,
     /// Look of the particles: base colour, emission, their textures, alpha mode, and whether they are lit. Textures cover a quad once, like
-    /// those of a [`Rectangle`](bevy::math::primitives::Rectangle), after the material's UV transform. By default, and until it is
+    /// those of a [`Rectangle`](bevy::prelude::Rectangle), after the material's UV transform. By default, and until it is
     /// loaded, no particles are shown.
     pub material: Handle<StandardMaterial>,
 }

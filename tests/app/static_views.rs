@@ -14,7 +14,9 @@ use bevy::{
     prelude::*,
     render::render_resource::{Extent3d, TextureDimension, TextureFormat, TextureViewDescriptor, TextureViewDimension},
 };
-use bevy_glint::{RayTracedReflections, ReflectionTechnique, ReflectionTracerChoice};
+use bevy_glint::{
+    RayTracedReflections, ReflectedParticle, ReflectedParticles, ReflectionTechnique, ReflectionTracerChoice,
+};
 use glint_scenes::{HeadlessApp, Output, SceneName};
 
 /// Behind the reflecting wall, where rays don't reach.
@@ -259,6 +261,52 @@ fn what_no_ray_meets_keeps_no_view_from_converging() {
         still > 0.0 && changing.iter().all(|noise| *noise < 1.2 * still),
         "{noise:?}"
     );
+}
+
+/// Apps write particles in each frame, whether they have changed or not.
+#[test]
+fn particles_that_are_written_again_keep_no_view_from_converging() {
+    let Some(mut app) = app(SIZE, Output::Linear, ReflectionTracerChoice::Bvh) else {
+        return;
+    };
+    let app = &mut app;
+    let camera = room(app, 0.5);
+    let world = app.world();
+    let material = world.resource_mut::<Assets<StandardMaterial>>().add(StandardMaterial {
+        unlit: true,
+        ..default()
+    });
+    let particles = vec![ReflectedParticle {
+        position: SEEN,
+        ..default()
+    }];
+    let particles = world.spawn(ReflectedParticles { particles, material }).id();
+    begin_anew(app, camera);
+    (0..150).for_each(|_| frame(app));
+    let [left_alone, written, moved] = [None, Some(0.0), Some(1e-4)].map(|step| {
+        begin_anew(app, camera);
+        let mut images = Vec::new();
+        for index in 0..90 {
+            if let Some(step) = step {
+                let mut all = app.world().get_mut::<ReflectedParticles>(particles).unwrap();
+                all.particles[0].position.x += step;
+            }
+            frame(app);
+            if index >= 86 {
+                images.push(capture(app));
+            }
+        }
+        images
+            .windows(2)
+            .map(|pair| difference(&pair[0], &pair[1]))
+            .sum::<f32>()
+    });
+    println!("noise {left_alone} alone, {written} written again, {moved} moved");
+    assert!(
+        left_alone > 0.0 && written < 1.2 * left_alone,
+        "{written} and {left_alone}"
+    );
+    assert!(moved > 1.3 * left_alone, "{moved} and {left_alone}");
 }
 
 /// Compares the remaining error some frames after a change, between views that converge before it and views that never do. `restore`
