@@ -21,7 +21,7 @@ const DRAWN_SHIFT: u32 = 5;
 pub struct SceneLayers {
     /// The layers of each group.
     groups: Vec<RenderLayers>,
-    /// Layers on which lights cast shadows.
+    /// Layers on which lights cast shadows that a camera shows.
     lit: RenderLayers,
     /// The groups differ from the last frame.
     pub changed: bool,
@@ -55,9 +55,9 @@ impl SceneLayers {
         1 << (FIRST_GROUP + found.unwrap_or(MAX_GROUPS - 1) as u32)
     }
 
-    /// Returns whether an object on these layers casts shadows. Lights on layers other than the default one make more objects cast shadows.
+    /// Returns whether an object on these layers casts shadows, even if no camera shows it.
     pub fn casts_shadow(&self, layers: Option<&RenderLayers>) -> bool {
-        layers.is_none_or(|layers| layers.intersects(&self.lit))
+        self.lit.intersects(layers.unwrap_or(&RenderLayers::default()))
     }
 
     /// Returns whether there are several groups.
@@ -88,14 +88,20 @@ impl SceneLayers {
             let union = others.fold(RenderLayers::none(), |union, layers| union | layers);
             groups.push(union);
         }
-        self.follow_lights(lights);
-        self.changed = groups != self.groups;
+        let changed = groups != self.groups;
         self.groups = groups;
+        self.follow_lights(lights);
+        self.changed = changed;
     }
 
-    /// Updates only the layers of this frame's lights.
+    /// Updates only the layers of this frame's lights that have their own. All others are on the default layer.
     pub fn follow_lights<'a>(&mut self, lights: impl Iterator<Item = &'a RenderLayers>) {
-        let lit = lights.fold(RenderLayers::default(), |union, layers| union | layers.clone());
+        let shines = |layers: &RenderLayers| self.groups_of(Some(layers)) != 0;
+        let others = Some(RenderLayers::default())
+            .filter(shines)
+            .unwrap_or(RenderLayers::none());
+        let shining = lights.filter(|layers| shines(layers));
+        let lit = shining.fold(others, |union, layers| union | layers.clone());
         self.changed = false;
         self.lit_changed = lit != self.lit;
         self.lit = lit;
@@ -170,16 +176,25 @@ mod tests {
     #[test]
     fn lights_decide_on_which_layers_shadows_are_cast() {
         let [default, other] = [0, 1].map(RenderLayers::layer);
+        let both = RenderLayers::from_layers(&[0, 1]);
         let mut layers = followed([None]);
         assert!(layers.casts_shadow(None) && layers.casts_shadow(Some(&default)));
         assert!(!layers.casts_shadow(Some(&other)));
         layers.follow([(None, None)].into_iter(), [&other].into_iter());
+        assert!(!layers.casts_shadow(Some(&other)), "it doesn't shine for the camera");
+        layers.follow([(None, None)].into_iter(), [&both].into_iter());
         assert!(layers.lit_changed && layers.casts_shadow(Some(&other)) && layers.casts_shadow(None));
         assert!(
             !layers.changed,
             "objects without layers of their own cast shadows as before"
         );
-        layers.follow([(None, None)].into_iter(), [&other].into_iter());
+        layers.follow([(None, None)].into_iter(), [&both].into_iter());
         assert!(!layers.lit_changed);
+        let aside = followed([Some(other.clone())]);
+        assert!(aside.casts_shadow(Some(&other)) == aside.casts_shadow(None));
+        assert!(
+            !aside.casts_shadow(None),
+            "a camera on another layer needs no object of this one"
+        );
     }
 }

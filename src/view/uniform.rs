@@ -221,6 +221,17 @@ pub(super) struct PreviousFrame {
     pub size: UVec2,
 }
 
+/// Part by which unexposed light, such as emission, may be too bright or dark in a history while the exposure changes steadily.
+const EXPOSURE_TOLERANCE: f32 = 0.05;
+/// Frames that a history keeps then. Light that is wrong by a large factor is clipped instead.
+const EXPOSURE_FRAMES: f32 = 8.0;
+
+/// Longest history, in frames, if the exposure changed by this factor since the last frame. Histories are scaled by it, which is wrong for
+/// light that exposure doesn't apply to.
+fn exposure_history(ratio: f32) -> f32 {
+    (EXPOSURE_TOLERANCE / ratio.ln().abs().max(1e-6)).max(EXPOSURE_FRAMES)
+}
+
 /// Rounding errors of a shift, relative to the coordinates.
 const SHIFT_TOLERANCE: f32 = 1e-6;
 
@@ -254,6 +265,7 @@ impl GpuReflectionView {
         state: &FrameState,
     ) -> Self {
         let ratio = frame.exposure / state.previous.exposure;
+        let exposure_ratio = if ratio.is_finite() && ratio > 0.0 { ratio } else { 1.0 };
         Self {
             fade_start: settings.fade_start,
             cutoff: settings.cutoff,
@@ -278,11 +290,11 @@ impl GpuReflectionView {
             trace_scale: sizes.trace_scale,
             texel_log2: sizes.texel.ilog2(),
             tile_size: sizes.tile,
-            exposure_ratio: if ratio.is_finite() { ratio } else { 1.0 },
+            exposure_ratio,
             previous_clip_from_world: state.previous.clip_from_world,
             previous_world_position: state.previous.world_position,
             samples: settings.denoiser.samples,
-            max_history: settings.denoiser.max_history,
+            max_history: settings.denoiser.max_history.min(exposure_history(exposure_ratio)),
             clip_sigma: settings.denoiser.clip_sigma,
             blur_radius: settings.denoiser.blur_radius,
             static_frames: state.static_frames,
@@ -385,6 +397,14 @@ mod tests {
                 size: UVec2::ONE,
             },
         }
+    }
+
+    #[test]
+    fn histories_are_shorter_while_the_exposure_changes() {
+        assert!(exposure_history(1.0) >= 255.0);
+        let expected = EXPOSURE_TOLERANCE / 0.002;
+        assert!((exposure_history(1.002) - expected).abs() < 0.1 && (exposure_history(0.998) - expected).abs() < 0.1);
+        assert_eq!([0.25, 1.01, 4.0].map(exposure_history), [EXPOSURE_FRAMES; 3]);
     }
 
     #[test]

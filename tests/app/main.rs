@@ -23,6 +23,7 @@ mod dynamics;
 mod effects;
 mod events;
 mod examples;
+mod exposure;
 mod floating_origin;
 mod forward;
 mod front_layer;

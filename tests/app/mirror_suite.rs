@@ -15,7 +15,7 @@ mod vertices;
 
 use crate::{
     pictures::{PATIENCE, apps, differing_pixels, dump, flip, reflect, warm_up},
-    stage::{BEFORE_THE_MIRROR, SIZE, metal, spawn_camera, spawn_mesh, wall},
+    stage::{BEFORE_THE_MIRROR, SIZE, metal, spawn_camera, spawn_mesh, unlit, wall},
 };
 use bevy::{
     asset::RenderAssetUsages,
@@ -24,7 +24,7 @@ use bevy::{
     light::NotShadowCaster,
     pbr::{Lightmap, ScreenSpaceTransmission},
     prelude::*,
-    render::render_resource::{Extent3d, TextureDimension, TextureFormat},
+    render::render_resource::{Extent3d, Face, TextureDimension, TextureFormat},
 };
 use bevy_glint::{RayTracedReflections, ReflectionTechnique};
 use glint_scenes::{HeadlessApp, Output, SceneName};
@@ -43,7 +43,7 @@ const SUN: Vec3 = Vec3::new(0.5, -0.2, 1.0);
 /// A feature, and a function that adds it.
 type Row = (&'static str, fn(&mut Stage));
 
-const ROWS: [Row; 26] = [
+const ROWS: [Row; 28] = [
     ("unlit", |stage| stage.spawn(StandardMaterial { unlit: true, ..blue() })),
     ("directional light", |stage| stage.light_and_spawn(blue())),
     ("shadow of a directional light", |stage| {
@@ -56,6 +56,49 @@ const ROWS: [Row; 26] = [
             Transform::default().looking_to(Vec3::new(0.5, -0.2, 1.0), Vec3::Y),
         ));
         stage.spawn(blue());
+    }),
+    ("shadows of faces that are not drawn", |stage| {
+        stage.add((
+            DirectionalLight {
+                illuminance: 2000.0,
+                shadow_maps_enabled: true,
+                ..default()
+            },
+            Transform::default().looking_to(Vec3::new(0.5, -0.2, 1.0), Vec3::Y),
+        ));
+        let back = Transform::from_xyz(0.0, 0.0, 12.0).looking_to(Vec3::Z, Vec3::Y);
+        let white = StandardMaterial {
+            base_color: Color::WHITE,
+            ..blue()
+        };
+        stage.put(Rectangle::new(60.0, 60.0), white, back);
+        for (x, to, cull_mode) in [
+            (-4.0, Vec3::NEG_Z, Some(Face::Back)),
+            (-1.5, Vec3::Z, Some(Face::Front)),
+            (1.0, Vec3::Z, None),
+            (3.5, Vec3::Z, Some(Face::Back)),
+        ] {
+            let material = StandardMaterial { cull_mode, ..blue() };
+            let at = Transform::from_xyz(x, 2.5, 9.0).looking_to(to, Vec3::Y);
+            stage.put(Rectangle::new(1.4, 1.4), material, at);
+        }
+    }),
+    ("a lamp in a bulb", |stage| {
+        stage.add((
+            PointLight {
+                intensity: 200_000.0,
+                range: 5.5,
+                shadow_maps_enabled: true,
+                ..default()
+            },
+            Transform::from_xyz(0.3, 1.8, 8.5),
+        ));
+        stage.spawn(blue());
+        stage.put(
+            Sphere::new(0.4),
+            unlit([200, 180, 90]),
+            Transform::from_xyz(0.3, 1.8, 8.5),
+        );
     }),
     ("point light", |stage| {
         stage.add((

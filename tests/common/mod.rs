@@ -33,6 +33,7 @@ pub fn app_on_device(
     let settings = HeadlessSettings {
         size,
         output,
+        log: std::env::var_os("RUST_LOG").is_some(),
         ..default()
     };
     app_of(settings, tracer, before, add)

@@ -141,7 +141,10 @@ impl ResizableTlas {
 
 /// Cull mask of an object with these flags.
 fn cull_mask(flags: u32) -> u8 {
-    let mut mask = MASK_REFLECTED | (flags >> 24) as u8 & MASK_GROUPS;
+    let mut mask = (flags >> 24) as u8 & MASK_GROUPS;
+    if mask != 0 {
+        mask |= MASK_REFLECTED;
+    }
     if flags & INSTANCE_CASTS_SHADOW != 0 {
         mask |= MASK_CASTS_SHADOW;
     }

@@ -65,12 +65,12 @@ pub struct Counters {
     pub stack: u32,
 }
 
-/// Closest hit, with face culling.
+/// Closest hit on a face that isn't culled.
 pub fn closest(scene: &SceneView, ray: &TraceRay, counters: &mut Counters) -> Option<TraceHit> {
     traverse(scene, ray, false, counters)
 }
 
-/// Returns whether an instance that casts shadows blocks the ray.
+/// Returns whether an instance that casts shadows blocks the ray, with a face that a light at its end sees.
 pub fn any(scene: &SceneView, ray: &TraceRay) -> bool {
     traverse(scene, ray, true, &mut Counters::default()).is_some()
 }
@@ -212,16 +212,13 @@ fn meet_triangle(
     let found = intersect_triangle(corners, local).filter(|found| found.t > t_min && found.t < t_max)?;
     let owner = entry_owner | corners[1][3];
     let front_face = found.front_face != (owner & INSTANCE_MIRRORED != 0);
-    let culled = if front_face {
-        INSTANCE_CULL_FRONT
-    } else {
+    // A light sees the other face than the ray towards it.
+    let culled = if front_face == any {
         INSTANCE_CULL_BACK
-    };
-    let refused = if any {
-        !owner & INSTANCE_CASTS_SHADOW
     } else {
-        owner & culled
+        INSTANCE_CULL_FRONT
     };
+    let refused = (owner & culled) | if any { !owner & INSTANCE_CASTS_SHADOW } else { 0 };
     let is_masked = owner & INSTANCE_ALPHA_MASKED != 0;
     let primitive = if is_masked && entry_owner == 0 {
         scene.bvh[corners[0][3] as usize][1][2] & LOWER

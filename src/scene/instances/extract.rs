@@ -402,8 +402,9 @@ fn update_item(instances: &mut SceneInstances, shown: &Shown, item: &InstanceIte
         .stand_in
         .map(|stand_in| stand_in.id())
         .or_else(|| item.mesh.map(|mesh| mesh.id()));
-    let is_shown = !item.opted_out && item.visibility.get() && groups != 0;
-    let Some(mesh) = mesh.filter(|_| is_shown) else {
+    let casts_shadow = !item.no_shadow && layers.casts_shadow(item.layers);
+    let is_there = !item.opted_out && item.visibility.get() && (groups != 0 || casts_shadow);
+    let Some(mesh) = mesh.filter(|_| is_there) else {
         instances.remove(item.entity);
         return;
     };
@@ -424,7 +425,7 @@ fn update_item(instances: &mut SceneInstances, shown: &Shown, item: &InstanceIte
         is_stand_in: item.is_stand_in,
         world_from_object,
         groups,
-        casts_shadow: !item.no_shadow && layers.casts_shadow(item.layers),
+        casts_shadow,
         receives_shadow: !item.no_shadow_on_it,
         receives_transmitted_shadow: item.shadow_through_it,
         lightmap: item.lightmap.map(|lightmap| Box::new(LightmapSource::from(lightmap))),

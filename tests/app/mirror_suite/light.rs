@@ -14,7 +14,7 @@ use bevy_glint::ReflectionTechnique;
 /// In each direction of a block of lights: 1,000.
 const GRID: u32 = 10;
 
-pub(super) const ROWS: [Row; 10] = [
+pub(super) const ROWS: [Row; 11] = [
     ("clearcoat", |stage| {
         stage.surround();
         stage.light_and_spawn(lacquer());
@@ -108,6 +108,19 @@ pub(super) const ROWS: [Row; 10] = [
         stage.light_and_spawn(blue());
         stage.dress(RenderLayers::from_layers(&[0, 2]));
         stage.move_to_layers(&[2, 1]);
+    }),
+    ("a shadow of what only the light's layers show", |stage| {
+        stage.add((
+            DirectionalLight {
+                illuminance: 2000.0,
+                shadow_maps_enabled: true,
+                ..default()
+            },
+            Transform::default().looking_to(Vec3::new(0.5, -0.2, 1.0), Vec3::Y),
+            RenderLayers::from_layers(&[0, 1]),
+        ));
+        stage.spawn(blue());
+        stage.move_to_layers(&[0, 1]);
     }),
 ];
 

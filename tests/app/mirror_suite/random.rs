@@ -2,6 +2,8 @@
 //! materials in the same place. A scene that differs is reduced to the ingredients that it needs.
 
 mod fields;
+mod lights;
+mod objects;
 
 use super::{Stage, blue};
 use crate::{
@@ -9,10 +11,14 @@ use crate::{
     pictures::{any_tracer, dump},
     stage::spawn_mesh,
 };
-use bevy::{light::RectLight, material::OpaqueRendererMethod, mesh::VertexAttributeValues, prelude::*};
-use core::f32::consts::PI;
-use fields::{FIELDS, Images, Vary, color};
+use bevy::{
+    core_pipeline::prepass::NormalPrepass, material::OpaqueRendererMethod, prelude::*, reflect::structs::Struct,
+    render::render_resource::Face,
+};
+use fields::{FIELDS, Images, Vary};
 use glint_scenes::{HeadlessApp, Output, Random};
+use lights::add_lights;
+use objects::touch_morphed_meshes;
 
 const SIZE: UVec2 = UVec2::new(192, 128);
 const COLUMNS: usize = 6;
@@ -91,68 +97,31 @@ impl Recipe {
         format!("shape {}: [{}]", self.shape, objects.join("] under ["))
     }
 
+    /// A program's part: what differs from the defaults.
+    fn program(&self, images: &Images) -> String {
+        let shape = [
+            "Sphere::new(0.75)",
+            "Cuboid::from_length(1.0)",
+            "Rectangle::new(1.4, 1.4)",
+        ][self.shape];
+        let mut lines = vec![format!("let mesh = {shape}; let (parent, place) = {:?};", self.place())];
+        let plain = StandardMaterial::default();
+        for object in &self.objects {
+            let material = self.material(object, images);
+            let fields = (0..material.field_len()).filter_map(|index| {
+                let (value, default) = (material.field_at(index)?, plain.field_at(index)?);
+                let is_default = value.reflect_partial_eq(default) == Some(true);
+                (!is_default).then(|| format!("{}: {value:?}", material.name_at(index).unwrap_or_default()))
+            });
+            let fields: Vec<_> = fields.collect();
+            lines.push(format!("StandardMaterial {{ {}, ..default() }}", fields.join(", ")));
+        }
+        lines.join("\n    ")
+    }
+
     fn varies(&self, name: &str) -> Option<u64> {
         let all = self.objects.iter().flat_map(|object| &object.varied);
         all.filter(|(i, _)| FIELDS[*i].0 == name).map(|(_, seed)| *seed).next()
-    }
-
-    /// Coincident objects share their shape and place, or Bevy's image would depend on rounding.
-    fn mesh(&self) -> Mesh {
-        let mesh: Mesh = match self.shape {
-            0 => Sphere::new(0.75).mesh().uv(32, 18),
-            1 => Cuboid::from_length(1.0).into(),
-            _ => Rectangle::new(1.4, 1.4).into(),
-        };
-        let mut mesh = if self.varies("mesh: no tangents").is_some() {
-            mesh
-        } else {
-            mesh.with_generated_tangents().unwrap()
-        };
-        if self.varies("mesh: second UVs").is_some() {
-            let Some(VertexAttributeValues::Float32x2(uvs)) = mesh.attribute(Mesh::ATTRIBUTE_UV_0) else {
-                unreachable!("all shapes have UVs")
-            };
-            let uvs: Vec<[f32; 2]> = uvs.iter().map(|[u, v]| [1.7 * v + 0.2, 0.8 * u]).collect();
-            mesh.insert_attribute(Mesh::ATTRIBUTE_UV_1, uvs);
-        }
-        if let Some(seed) = self.varies("mesh: colours") {
-            let mut random = Random::new(seed);
-            let most = random.pick(&[1.0, 4.0]);
-            let colors: Vec<[f32; 4]> = if self.shape == 0 {
-                // The same for all: differences between small triangles are differences between pixels.
-                let one = color(&mut random, most, 0.8).to_linear().to_f32_array();
-                vec![one; mesh.count_vertices()]
-            } else {
-                let colors =
-                    (0..mesh.count_vertices()).map(|_| color(&mut random, most, 0.8).to_linear().to_f32_array());
-                colors.collect()
-            };
-            mesh.insert_attribute(Mesh::ATTRIBUTE_COLOR, colors);
-        }
-        mesh
-    }
-
-    /// The place within its cell, and the place of its parent.
-    fn place(&self) -> (Transform, Transform) {
-        let mut place = Transform::from_rotation(Quat::from_rotation_y(PI));
-        if let Some(seed) = self.varies("place: turned") {
-            let mut random = Random::new(seed);
-            let most = if self.shape == 2 { 0.8 } else { PI };
-            let [x, y, z] = [(); 3].map(|()| random.range(-most, most));
-            place.rotate_local(Quat::from_euler(EulerRot::XYZ, x, y, z));
-        }
-        if let Some(seed) = self.varies("place: mirrored") {
-            let mut random = Random::new(seed);
-            place.scale = Vec3::from_array([(); 3].map(|()| random.pick(&[-1.0, -0.6, 0.8])));
-        }
-        let mut parent = Transform::default();
-        if let Some(seed) = self.varies("place: sheared") {
-            let mut random = Random::new(seed);
-            parent.scale = Vec3::new(random.range(0.6, 1.0), random.range(0.5, 1.0), 0.8);
-            parent.rotation = Quat::from_rotation_z(random.range(-0.8, 0.8));
-            place.rotate_z(random.range(-0.8, 0.8));
-        }
-        (parent, place)
     }
 
     fn material(&self, object: &Object, images: &Images) -> StandardMaterial {
@@ -164,6 +133,10 @@ impl Recipe {
         }
         if material.clearcoat > 0.0 {
             material.opaque_render_method = OpaqueRendererMethod::Deferred;
+        }
+        if matches!(material.alpha_mode, AlphaMode::Blend | AlphaMode::Premultiplied) && self.shape != 2 {
+            // Bevy draws the triangles of a mesh in any order.
+            material.cull_mode = Some(Face::Back);
         }
         material
     }
@@ -177,6 +150,7 @@ struct Theatre<'a> {
 
 impl<'a> Theatre<'a> {
     fn new(app: &'a mut HeadlessApp) -> Self {
+        app.app().add_systems(PostUpdate, touch_morphed_meshes);
         let mut stage = Stage::new(app);
         stage.width = SIZE.x;
         let images = Images {
@@ -193,18 +167,7 @@ impl<'a> Theatre<'a> {
         let stage = &mut self.stage;
         stage.show_layers();
         let mut random = Random::new(light);
-        stage.add((
-            DirectionalLight {
-                color: color(&mut random, 1.0, 1.0).mix(&Color::WHITE, 0.5),
-                illuminance: random.range(800.0, 3000.0),
-                ..default()
-            },
-            Transform::default().looking_to(
-                Vec3::new(random.range(-0.8, 0.8), random.range(-0.8, 0.2), 1.0),
-                Vec3::Y,
-            ),
-        ));
-        add_lamp(stage, &mut random);
+        add_lights(stage, &mut random);
         stage.put(
             Rectangle::new(60.0, 60.0),
             blue(),
@@ -228,19 +191,19 @@ impl<'a> Theatre<'a> {
                 // Otherwise the order in which Bevy draws them can depend on the identifiers of their entities.
                 second.depth_bias += 1.0;
             }
-            for material in materials {
+            for (object, material) in recipe.objects.iter().zip(materials) {
                 let child = spawn_mesh(self.stage.app, mesh.clone(), material, place);
-                let parent = self
-                    .stage
-                    .app
-                    .world()
-                    .spawn((parent, Visibility::default()))
-                    .add_child(child)
-                    .id();
+                let world = self.stage.app.world();
+                let parent = world.spawn((parent, Visibility::default())).add_child(child).id();
+                recipe.dress(object, &mut world.entity_mut(child), &self.images.light);
+                recipe.add_joints(world, parent, child, place);
                 self.stage.spawned.push(parent);
             }
         }
         let actual = self.stage.in_the_mirror();
+        // With one, Bevy lights blended surfaces by the normals of what is behind them.
+        let camera = self.stage.camera;
+        self.stage.app.world().entity_mut(camera).remove::<NormalPrepass>();
         let expected = self.stage.by_the_mirrored_camera();
         self.stage.clear();
         let apart = (0..recipes.len())
@@ -280,54 +243,6 @@ impl<'a> Theatre<'a> {
             }
         }
         recipe
-    }
-}
-
-/// A lamp between the mirror and the scenes, of any kind, with any of its numbers. Its light doesn't reach the mirror, on which Bevy would
-/// show a highlight.
-fn add_lamp(stage: &mut Stage, random: &mut Random) {
-    let place = Vec3::new(random.range(-5.0, 5.0), random.range(-3.0, 3.0), random.range(4.5, 6.0));
-    let target = Vec3::new(random.range(-4.0, 4.0), random.range(-2.0, 2.0), DEPTH);
-    let transform = Transform::from_translation(place).looking_at(target, Vec3::Y);
-    let color = color(random, 1.0, 1.0).mix(&Color::WHITE, 0.3);
-    let intensity = random.range(100_000.0, 1_000_000.0);
-    let range = random.range(0.6, 0.97) * place.z;
-    let radius = random.pick(&[0.0, 0.1, 0.8]);
-    match random.below(4) {
-        0 => (),
-        1 => {
-            let lamp = PointLight {
-                color,
-                intensity,
-                range,
-                radius,
-                ..default()
-            };
-            stage.add((lamp, transform));
-        }
-        2 => {
-            let outer_angle = random.range(0.1, 1.4);
-            let lamp = SpotLight {
-                color,
-                intensity,
-                range,
-                radius,
-                outer_angle,
-                inner_angle: outer_angle * random.unit(),
-                ..default()
-            };
-            stage.add((lamp, transform));
-        }
-        _ => {
-            let lamp = RectLight {
-                color,
-                intensity: 0.1 * intensity,
-                range,
-                width: random.range(0.2, 3.0),
-                height: random.range(0.2, 3.0),
-            };
-            stage.add((lamp, transform));
-        }
     }
 }
 
@@ -382,14 +297,19 @@ fn search(images: u64) {
             println!("{tracer}, seed {seed}: {} of {CELLS} scenes differ", wrong.len());
             if !wrong.is_empty() {
                 dump(&format!("random {tracer} {seed}"), SIZE, &expected, &actual);
+                // Shadows can come from other cells.
+                for (cell, recipe) in recipes.iter().enumerate() {
+                    println!("    cell {cell}: {}", recipe.describe());
+                }
             }
             for cell in wrong {
                 let reduced = theatre.reduce(recipes[cell].clone(), seed);
                 let line = format!(
-                    "seed {seed}, cell {cell}, {} pixels: {}, of {}",
+                    "seed {seed}, cell {cell}, {} pixels: {}, of {}\n    {}",
                     apart[cell],
                     reduced.describe(),
-                    recipes[cell].describe()
+                    recipes[cell].describe(),
+                    reduced.program(&theatre.images)
                 );
                 println!("{line}");
                 failures.push(line);

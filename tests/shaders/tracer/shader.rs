@@ -338,7 +338,6 @@ fn faces_alpha_and_shadow_flags() {
                 let mirror = closest(&scene.view(), ray, &mut Counters::default());
                 hits += usize::from(mirror.is_some());
                 assert!(answer.instance == NO_HIT || (answer.flags & 1 != 0) == (cull == INSTANCE_CULL_BACK));
-                // Both faces block shadow rays.
                 let same_shadow = (answer.flags & 2 != 0) == any(&scene.view(), ray);
                 different += usize::from(!(agrees(answer, mirror, 1e-3) && same_shadow));
             }

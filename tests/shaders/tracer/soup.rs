@@ -293,9 +293,12 @@ impl Packed {
         })
     }
 
-    /// Searches the triangles that cast shadows.
+    /// Searches the triangles that cast shadows: those whose other face a light sees.
     pub fn shadow_oracle(&self, ray: &TraceRay) -> Oracle {
-        self.search(ray, |flags, _| flags & INSTANCE_CASTS_SHADOW != 0)
+        self.search(ray, |flags, front| {
+            let culled = if front { INSTANCE_CULL_BACK } else { INSTANCE_CULL_FRONT };
+            flags & INSTANCE_CASTS_SHADOW != 0 && flags & culled == 0
+        })
     }
 
     /// `counts` judges the flags of an instance and the face that the ray sees: true = the front in world space.

@@ -70,7 +70,7 @@ fn layers_of_lights_concern_objects_with_layers() {
         instances.remove(entity);
     }
     let mut layers = render_world.resource_mut::<SceneLayers>();
-    let flash = RenderLayers::layer(1);
+    let flash = RenderLayers::from_layers(&[0, 1]);
     layers.follow(core::iter::once((None, None)), core::iter::once(&flash));
     extract(&mut render_world, &mut schedule, false);
     let instances = render_world.resource::<SceneInstances>();

@@ -27,7 +27,7 @@ const GLASS: Vary = Vary::Not("rows of the suite have glass: Bevy's image needs 
 const UNSUPPORTED: Vary = Vary::Not("the manual says that rays don't see the effect");
 
 /// All fields that reflection knows, and the one that it doesn't.
-pub static FIELDS: [(&str, Vary); 66] = [
+pub static FIELDS: [(&str, Vary); 75] = [
     ("base_color", Vary::By(|m, r, _| m.base_color = color(r, 1.0, 1.0))),
     (
         "base_color_channel",
@@ -151,8 +151,6 @@ pub static FIELDS: [(&str, Vary); 66] = [
                 AlphaMode::Premultiplied,
             ];
             m.alpha_mode = r.pick(&[modes, [AlphaMode::AlphaToCoverage; 4]].concat()[..5]);
-            // On cameras with a normal prepass, Bevy lights blended surfaces by the normals of what is behind them.
-            m.unlit |= matches!(m.alpha_mode, AlphaMode::Blend | AlphaMode::Premultiplied);
         }),
     ),
     (
@@ -186,9 +184,21 @@ pub static FIELDS: [(&str, Vary); 66] = [
     ("mesh: colours", Vary::By(|_, _, _| ())),
     ("mesh: second UVs", Vary::By(|_, _, _| ())),
     ("mesh: no tangents", Vary::By(|_, _, _| ())),
+    ("mesh: no indices", Vary::By(|_, _, _| ())),
+    ("mesh: morphed", Vary::By(|_, _, _| ())),
+    ("mesh: skinned", Vary::By(|_, _, _| ())),
+    ("mesh: compressed", Vary::By(|_, _, _| ())),
     ("place: turned", Vary::By(|_, _, _| ())),
     ("place: mirrored", Vary::By(|_, _, _| ())),
     ("place: sheared", Vary::By(|_, _, _| ())),
+    (
+        "object: lightmap",
+        Vary::By(|m, r, _| m.lightmap_exposure = r.range(0.0, 5000.0)),
+    ),
+    ("object: visibility", Vary::By(|_, _, _| ())),
+    ("object: layers", Vary::By(|_, _, _| ())),
+    ("object: casts no shadow", Vary::By(|_, _, _| ())),
+    ("object: receives no shadow", Vary::By(|_, _, _| ())),
 ];
 
 pub fn color(random: &mut Random, most: f32, alpha: f32) -> Color {

@@ -292,6 +292,14 @@ impl Exact<'_> {
         candidate.t.abs() * TOLERANCE + candidate.floor + candidate.error
     }
 
+    /// Whether a light at the end of the ray sees the face that is not culled. `None` if the ray grazes it.
+    fn blocks_light(&self, candidate: &Candidate) -> Option<bool> {
+        match self.object(candidate).culled {
+            None => Some(true),
+            Some(_) => candidate.seen.map(|seen| !seen),
+        }
+    }
+
     /// Every tracer must find it, unless something is in front of it.
     fn is_sure(&self, candidate: &Candidate) -> bool {
         !self.object(candidate).see_through && candidate.margins[0] > DOUBT && candidate.t > self.slack(candidate)
@@ -364,11 +372,14 @@ impl Exact<'_> {
         }
     }
 
-    /// Judges whether an object that casts shadows is in the way, and is the one in the answer. Shadow rays see both faces.
+    /// Judges whether an object that casts shadows is in the way, and is the one in the answer.
     pub fn judge_shadow(&self, answer: &Answer) -> Judgement {
-        let casters = || self.candidates.iter().filter(|c| self.object(c).casts_shadow);
+        let casters = || {
+            let casters = self.candidates.iter().filter(|c| self.object(c).casts_shadow);
+            casters.filter(|c| self.blocks_light(c) != Some(false))
+        };
         let blockers = || casters().filter(|c| c.margins[0] >= 0.0 && c.t > 0.0);
-        let is_sure = casters().any(|c| self.is_sure(c));
+        let is_sure = casters().any(|c| self.blocks_light(c) == Some(true) && self.is_sure(c));
         let Some(blocker) = answer.blocked else {
             return match () {
                 () if is_sure => Judgement::Wrong,
