@@ -20,6 +20,7 @@ use crate::{
 use bevy::{
     asset::RenderAssetUsages,
     camera::{Exposure, visibility::RenderLayers},
+    core_pipeline::prepass::NormalPrepass,
     image::Image,
     light::NotShadowCaster,
     pbr::{Lightmap, ScreenSpaceTransmission},
@@ -43,7 +44,7 @@ const SUN: Vec3 = Vec3::new(0.5, -0.2, 1.0);
 /// A feature, and a function that adds it.
 type Row = (&'static str, fn(&mut Stage));
 
-const ROWS: [Row; 28] = [
+const ROWS: [Row; 29] = [
     ("unlit", |stage| stage.spawn(StandardMaterial { unlit: true, ..blue() })),
     ("directional light", |stage| stage.light_and_spawn(blue())),
     ("shadow of a directional light", |stage| {
@@ -191,6 +192,17 @@ const ROWS: [Row; 28] = [
         let image = stage.checkers([255, 150, 40, 255], [20, 60, 200, 255], true);
         stage.spawn(StandardMaterial {
             metallic: 0.3,
+            lightmap_exposure: 2000.0,
+            ..blue()
+        });
+        stage.bake(&image);
+    }),
+    ("lightmap on a premultiplied surface", |stage| {
+        stage.show_layers();
+        let image = stage.checkers([255, 150, 40, 255], [20, 60, 200, 255], true);
+        stage.spawn(StandardMaterial {
+            base_color: Color::linear_rgba(0.1, 0.3, 0.8, 0.5),
+            alpha_mode: AlphaMode::Premultiplied,
             lightmap_exposure: 2000.0,
             ..blue()
         });
@@ -491,7 +503,10 @@ impl<'a> Stage<'a> {
             behind
         });
         let world = self.app.world();
-        world.entity_mut(self.camera).remove::<RayTracedReflections>();
+        // With a normal prepass, Bevy lights blended surfaces by the normals of what is behind them.
+        world
+            .entity_mut(self.camera)
+            .remove::<(RayTracedReflections, NormalPrepass)>();
         for mirror in [Some(self.mirror), self.second].into_iter().flatten() {
             world.entity_mut(mirror).insert(Visibility::Hidden);
         }
