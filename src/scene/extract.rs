@@ -16,7 +16,7 @@ use super::{
     origin::{AnnouncedShift, OriginShift},
     particles::{ExtractedParticles, ParticleWorld, extract_particles},
     pose::{ExtractedPoses, PoseWorld, VertexShader, extract_poses},
-    render_layers::{LightLayers, SceneLayers},
+    render_layers::{LightLayers, SceneLayers, layers_of_shadows},
     textures::{TextureTable, extract_texture_changes},
 };
 use crate::{device::RealTime, settings::ReflectionRetention};
@@ -59,11 +59,11 @@ pub(super) fn begin_extraction(
     activity.follow(active.clone().next().is_some(), time.delta(), kept);
     let stays = activity.active && !activity.watched;
     if stays {
-        layers.follow_lights(world.light_layers.iter());
+        layers.follow_lights(layers_of_shadows(&world.light_layers));
     } else {
         layers.follow(
             active.map(|(.., drawn, reflected, _, _)| (drawn, reflected)),
-            world.light_layers.iter(),
+            layers_of_shadows(&world.light_layers),
         );
         follow_environments(
             &world.cameras,

@@ -7,9 +7,9 @@ pub const NO_TEXTURE: u32 = u32::MAX;
 
 /// The object-to-world matrix has a negative determinant.
 pub const INSTANCE_MIRRORED: u32 = 1;
-/// Closest-hit rays pass through triangles that face away from them.
+/// Closest-hit rays pass through triangles that face away from them, and shadow rays through those that face away from the light.
 pub const INSTANCE_CULL_BACK: u32 = 2;
-/// Closest-hit rays pass through triangles that face them.
+/// Closest-hit rays pass through triangles that face them, and shadow rays through those that face the light.
 pub const INSTANCE_CULL_FRONT: u32 = 4;
 /// Candidates need the alpha test of their material.
 pub const INSTANCE_ALPHA_MASKED: u32 = 8;

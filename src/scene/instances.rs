@@ -33,7 +33,7 @@ pub struct InstanceSource {
     pub is_stand_in: bool,
     /// Object to world.
     pub world_from_object: Affine3A,
-    /// Groups of its render layers, as bits of its flags: `render_layers.rs`.
+    /// Groups of its render layers, as bits of its flags: `render_layers.rs`. None if it only casts shadows.
     pub groups: u32,
     /// Whether it blocks shadow rays.
     pub casts_shadow: bool,
@@ -123,8 +123,6 @@ pub struct SceneInstances {
     /// By entity index, so that finding an object's slot doesn't need to load the object.
     by_entity: Vec<Seat>,
     count: usize,
-    /// Number of objects that no camera shows, and that cast shadows.
-    unseen: usize,
     by_mesh: SlotUsers<AssetId<Mesh>>,
     by_material: SlotUsers<UntypedAssetId>,
     /// Number of objects that use each mesh, including waiting ones.
@@ -177,11 +175,6 @@ impl SceneInstances {
     /// Returns whether an object uses a mesh, or waits with it.
     pub fn shows(&self, mesh: AssetId<Mesh>) -> bool {
         self.mesh_users.contains_key(&mesh)
-    }
-
-    /// Returns whether some objects only cast shadows, since no camera shows them.
-    pub fn has_unseen(&self) -> bool {
-        self.unseen > 0
     }
 
     /// Returns whether there are no objects, not even waiting ones.
@@ -239,9 +232,7 @@ impl SceneInstances {
             self.moved.push(slot);
         } else if place.as_ref() != Some(&source) {
             let (entity, mesh, material) = (source.entity, source.mesh, source.material);
-            self.unseen += usize::from(source.groups == 0);
             let replaced = place.replace(source);
-            self.unseen -= usize::from(replaced.as_ref().is_some_and(|source| source.groups == 0));
             self.dirty.push(slot);
             self.use_mesh(mesh);
             self.forget_coming(entity);
@@ -310,7 +301,6 @@ impl SceneInstances {
         self.by_entity[entity.index_u32() as usize] = Seat::EMPTY;
         self.count -= 1;
         let removed = self.slots[slot as usize].take();
-        self.unseen -= usize::from(removed.as_ref().is_some_and(|source| source.groups == 0));
         self.forget_coming(entity);
         let mesh = removed.as_ref().map(|source| source.mesh);
         self.by_mesh.replace(slot, mesh, None);

@@ -244,10 +244,7 @@ impl Scene<'_, '_> {
                 Features::DIFFUSE_TRANSMISSION,
                 self.materials.has_diffuse_transmission(),
             ),
-            (
-                Features::RENDER_LAYERS,
-                self.layers.differ() || self.instances.has_unseen(),
-            ),
+            (Features::RENDER_LAYERS, self.layers.differ()),
             (Features::RECT_LIGHTS, self.lights.has_rects()),
         ];
         for (feature, is_there) in noted {

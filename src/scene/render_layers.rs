@@ -3,7 +3,7 @@
 
 use crate::settings::ReflectedLayers;
 use bevy::{
-    camera::visibility::RenderLayers,
+    camera::visibility::{InheritedVisibility, RenderLayers},
     ecs::prelude::*,
     light::{DirectionalLight, PointLight, SpotLight},
     log::warn_once,
@@ -21,9 +21,9 @@ const DRAWN_SHIFT: u32 = 5;
 pub struct SceneLayers {
     /// The layers of each group.
     groups: Vec<RenderLayers>,
-    /// Layers on which lights cast shadows that a camera shows.
+    /// Layers of the lights that shine for a camera and cast shadows.
     lit: RenderLayers,
-    /// The groups differ from the last frame.
+    /// All objects must be looked at: the groups differ from the last frame, or lights came to the default layer or left it.
     pub changed: bool,
     /// The layers on which lights cast shadows have changed, which affects objects with their own layers.
     pub lit_changed: bool,
@@ -91,10 +91,10 @@ impl SceneLayers {
         let changed = groups != self.groups;
         self.groups = groups;
         self.follow_lights(lights);
-        self.changed = changed;
+        self.changed |= changed;
     }
 
-    /// Updates only the layers of this frame's lights that have their own. All others are on the default layer.
+    /// Updates only the layers of this frame's lights that cast shadows and have layers of their own. All others are on the default layer.
     pub fn follow_lights<'a>(&mut self, lights: impl Iterator<Item = &'a RenderLayers>) {
         let shines = |layers: &RenderLayers| self.groups_of(Some(layers)) != 0;
         let others = Some(RenderLayers::default())
@@ -102,15 +102,31 @@ impl SceneLayers {
             .unwrap_or(RenderLayers::none());
         let shining = lights.filter(|layers| shines(layers));
         let lit = shining.fold(others, |union, layers| union | layers.clone());
-        self.changed = false;
+        // Most objects have no layers of their own.
+        let concerns_all = |lit: &RenderLayers| lit.intersects(&RenderLayers::default());
+        self.changed = concerns_all(&lit) != concerns_all(&self.lit);
         self.lit_changed = lit != self.lit;
         self.lit = lit;
     }
 }
 
-/// Layers of lights.
-pub(super) type LightLayers<'w, 's> =
-    Query<'w, 's, &'static RenderLayers, Or<(With<DirectionalLight>, With<PointLight>, With<SpotLight>)>>;
+type AnyLight = AnyOf<(&'static DirectionalLight, &'static PointLight, &'static SpotLight)>;
+
+/// Lights with layers of their own.
+pub(super) type LightLayers<'w, 's> = Query<'w, 's, (&'static RenderLayers, &'static InheritedVisibility, AnyLight)>;
+
+/// Layers of the visible ones that cast shadows.
+pub(super) fn layers_of_shadows<'a>(lights: &'a LightLayers) -> impl Iterator<Item = &'a RenderLayers> {
+    let casts_shadows = |(sun, point, spot): (Option<&DirectionalLight>, Option<&PointLight>, Option<&SpotLight>)| {
+        sun.is_some_and(|light| light.shadow_maps_enabled)
+            || point.is_some_and(|light| light.shadow_maps_enabled)
+            || spot.is_some_and(|light| light.shadow_maps_enabled)
+    };
+    lights
+        .iter()
+        .filter(move |(_, visibility, light)| visibility.get() && casts_shadows(*light))
+        .map(|(layers, ..)| layers)
+}
 
 #[cfg(test)]
 mod tests {
@@ -190,11 +206,15 @@ mod tests {
         );
         layers.follow([(None, None)].into_iter(), [&both].into_iter());
         assert!(!layers.lit_changed);
-        let aside = followed([Some(other.clone())]);
-        assert!(aside.casts_shadow(Some(&other)) == aside.casts_shadow(None));
+        let mut aside = followed([Some(other.clone())]);
         assert!(
             !aside.casts_shadow(None),
             "a camera on another layer needs no object of this one"
+        );
+        aside.follow([(Some(&other), None)].into_iter(), [&both].into_iter());
+        assert!(
+            aside.changed && aside.casts_shadow(None),
+            "its light shows their shadows"
         );
     }
 }

@@ -13,7 +13,8 @@ pub struct ReflectionDenoiser {
     /// Accumulates results over frames. Default: true.
     pub temporal: bool,
     /// Number of frames that a rough surface accumulates, 1 to 255. Smoother surfaces accumulate fewer. A higher number means less noise
-    /// and a slower response to changes. It counts frames: trails fade sooner at higher frame rates. Default: 32.
+    /// and a slower response to changes. It counts frames: trails fade sooner at higher frame rates. Fewer accumulate while the camera's
+    /// exposure changes. Default: 32.
     #[reflect(@1.0..=255.0f32)]
     pub max_history: f32,
     /// Keeps a second history that follows the reflected image instead of the surface: glossy surfaces stay sharp under a moving camera.

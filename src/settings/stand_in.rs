@@ -36,6 +36,8 @@ pub struct ReflectedMesh3d(pub Handle<Mesh>);
 /// For materials that rays don't support, and for materials that should look simpler in reflections. To include all entities with a
 /// material type, see [`ReflectedMaterialPlugin`](crate::ReflectedMaterialPlugin).
 ///
+/// Its `cull_mode` decides which faces cast shadows in reflections.
+///
 /// A forward object with this component shows no traced reflections: they would replace the environment's light, and its own material
 /// might add a different amount, or none. Deferred objects keep their reflections, which come from the G-buffer.
 ///

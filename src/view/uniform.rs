@@ -221,10 +221,10 @@ pub(super) struct PreviousFrame {
     pub size: UVec2,
 }
 
-/// Part by which unexposed light, such as emission, may be too bright or dark in a history while the exposure changes steadily.
+/// Aim for the part by which unexposed light, such as emission, is too bright or dark in a history while the exposure changes steadily.
 const EXPOSURE_TOLERANCE: f32 = 0.05;
 /// Frames that a history keeps then. Light that is wrong by a large factor is clipped instead.
-const EXPOSURE_FRAMES: f32 = 8.0;
+const EXPOSURE_FRAMES: f32 = 4.0;
 
 /// Longest history, in frames, if the exposure changed by this factor since the last frame. Histories are scaled by it, which is wrong for
 /// light that exposure doesn't apply to.
@@ -404,7 +404,7 @@ mod tests {
         assert!(exposure_history(1.0) >= 255.0);
         let expected = EXPOSURE_TOLERANCE / 0.002;
         assert!((exposure_history(1.002) - expected).abs() < 0.1 && (exposure_history(0.998) - expected).abs() < 0.1);
-        assert_eq!([0.25, 1.01, 4.0].map(exposure_history), [EXPOSURE_FRAMES; 3]);
+        assert_eq!([0.25, 1.02, 4.0].map(exposure_history), [EXPOSURE_FRAMES; 3]);
     }
 
     #[test]

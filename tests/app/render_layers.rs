@@ -1,8 +1,11 @@
 //! Cameras that draw different render layers, side by side.
 
 use crate::{
-    pictures::{apps_of_both, crop, reflect, warm_up},
-    stage::{BEFORE_THE_MIRROR, GREEN, RED, SIZE, metal, share_picture, spawn_camera, spawn_mesh, unlit, wall},
+    pictures::{apps_of_both, crop, differing_pixels, reflect, warm_up},
+    stage::{
+        BEFORE_THE_MIRROR, GREEN, RED, SIZE, layer_bytes, metal, report, share_picture, spawn_camera, spawn_mesh,
+        unlit, wall,
+    },
 };
 use bevy::{camera::visibility::RenderLayers, prelude::*};
 use bevy_glint::{ReflectedLayers, ReflectionTechnique};
@@ -66,4 +69,71 @@ fn each_camera_reflects_what_it_draws() {
         println!("{tracer}, named layers: red {red:?}, green {green:?}");
         assert_eq!((red, green), ([half, 0], [0, half]), "{tracer}");
     }
+}
+
+#[test]
+fn what_no_camera_shows_only_casts_shadows() {
+    for (tracer, mut app) in apps_of_both(SIZE, Output::Picture) {
+        let app = &mut app;
+        spawn_mesh(app, wall(), metal(0.0), Transform::IDENTITY);
+        let at = |z: f32| Transform::from_xyz(0.0, 0.0, z).looking_to(Vec3::Z, Vec3::Y);
+        spawn_mesh(app, Rectangle::new(60.0, 60.0), StandardMaterial::default(), at(12.0));
+        let sun = DirectionalLight {
+            illuminance: 2000.0,
+            shadow_maps_enabled: true,
+            ..default()
+        };
+        let sun = app.world().spawn((
+            sun,
+            at(0.0).looking_to(Vec3::Z, Vec3::Y),
+            RenderLayers::from_layers(&[0, 3]),
+        ));
+        let sun = sun.id();
+        let camera = spawn_camera(app, BEFORE_THE_MIRROR, SceneName::MirrorRoom);
+        reflect(app, camera, ReflectionTechnique::Reference);
+        warm_up(app);
+        app.step(2);
+        let lit = app.capture().unwrap();
+        // With shaders that were compiled before them.
+        let materials =
+            [AlphaMode::Opaque, AlphaMode::Blend, AlphaMode::Mask(0.5)].map(|alpha_mode| StandardMaterial {
+                alpha_mode,
+                depth_bias: 1.0,
+                ..unlit(RED)
+            });
+        for material in materials {
+            let sheet = spawn_mesh(app, Rectangle::new(3.0, 3.0), material, at(8.0));
+            app.world().entity_mut(sheet).insert(RenderLayers::layer(3));
+        }
+        for _ in 0..4 {
+            app.step(1);
+            assert_eq!(count_now(app, RED), 0, "{tracer}: nothing red is seen");
+        }
+        warm_up(app);
+        app.step(2);
+        let shadowed = app.capture().unwrap();
+        assert_eq!(count_now(app, RED), 0, "{tracer}: nothing red is seen");
+        let shadow = differing_pixels(&lit, &shadowed, 40);
+        println!("{tracer}: a shadow of {shadow} pixels");
+        assert!(shadow > 100, "{tracer}: a shadow of {shadow} pixels");
+        assert_eq!(layer_bytes(app), 0, "{tracer}: nothing transparent is seen");
+        // Without shadows, or on the camera's layers alone, the light needs none of them.
+        app.world()
+            .get_mut::<DirectionalLight>(sun)
+            .unwrap()
+            .shadow_maps_enabled = false;
+        app.step(4);
+        assert_eq!(report(app).instances, 2, "{tracer}");
+    }
+}
+
+fn count_now(app: &mut HeadlessApp, color: [u8; 3]) -> usize {
+    let picture = app.capture().unwrap();
+    let is_near = |pixel: &&[u8]| {
+        pixel
+            .iter()
+            .zip(color)
+            .all(|(value, wanted)| value.abs_diff(wanted) < 25)
+    };
+    picture.chunks_exact(4).filter(is_near).count()
 }

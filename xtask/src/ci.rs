@@ -166,6 +166,7 @@ fn format() -> Result<()> {
 
 fn lints() -> Result<()> {
     let mut all = vec![cargo::workspace("clippy")];
+    all[0].args(["--features", "glint_viewer/film"]);
     all.extend(cargo::APART.map(|package| {
         let mut clippy = cargo::apart("clippy", package);
         clippy.arg("--release");

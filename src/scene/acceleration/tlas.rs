@@ -148,7 +148,8 @@ fn cull_mask(flags: u32) -> u8 {
     if flags & INSTANCE_CASTS_SHADOW != 0 {
         mask |= MASK_CASTS_SHADOW;
     }
-    if flags & INSTANCE_ALPHA_MASKED != 0 {
+    // Without a group, only shadow rays hit it.
+    if flags & INSTANCE_ALPHA_MASKED != 0 && mask & MASK_GROUPS != 0 {
         mask |= MASK_HAS_HOLES;
     }
     mask

@@ -212,8 +212,11 @@ fn meet_triangle(
     let found = intersect_triangle(corners, local).filter(|found| found.t > t_min && found.t < t_max)?;
     let owner = entry_owner | corners[1][3];
     let front_face = found.front_face != (owner & INSTANCE_MIRRORED != 0);
-    // A light sees the other face than the ray towards it.
-    let culled = if front_face == any {
+    // A light sees the other face than the ray towards it. What no camera shows has both bits, and both of its faces cast shadows.
+    let both_faces = INSTANCE_CULL_BACK | INSTANCE_CULL_FRONT;
+    let culled = if any && owner & both_faces == both_faces {
+        0
+    } else if front_face == any {
         INSTANCE_CULL_BACK
     } else {
         INSTANCE_CULL_FRONT

@@ -7,7 +7,7 @@ use crate::{
         bind_group::{Matrices, SceneBindings, pack_instance},
         bvh::TRAVERSAL_FLAGS,
         change::Change,
-        gpu_types::{GpuInstance, INSTANCE_ALPHA_MASKED},
+        gpu_types::{GpuInstance, INSTANCE_ALPHA_MASKED, INSTANCE_CULL_BACK, INSTANCE_CULL_FRONT},
         instances::{InstanceSource, SceneInstances},
         masks::{MaskKey, Surroundings},
         materials::{MaterialAssets, MaterialTable, instance_flags, is_traced},
@@ -61,7 +61,11 @@ impl SceneBindings {
             let mut packed = source.and_then(|source| {
                 let mesh = meshes.get(source.mesh)?;
                 let material = surroundings.materials.get(source.material)?;
-                let flags = is_traced(material).then(|| instance_flags(material))?;
+                let mut flags = is_traced(material).then(|| instance_flags(material))?;
+                if source.groups == 0 && self.tracer == ReflectionTracer::Bvh {
+                    // Only shadow rays hit it. The other tracer's masks do the same.
+                    flags |= INSTANCE_CULL_BACK | INSTANCE_CULL_FRONT;
+                }
                 let packed = pack_instance(source, mesh, materials.index(source.material), flags)?;
                 let geometry_base = self.poses.geometry_base(slot).unwrap_or(packed.geometry_base);
                 Some(GpuInstance {
@@ -70,10 +74,11 @@ impl SceneBindings {
                     ..packed
                 })
             });
-            let seen = source.filter(|_| packed.is_some());
+            let seen = source.filter(|source| packed.is_some() && source.groups != 0);
             let material = seen.and_then(|source| surroundings.materials.get(source.material));
             self.see_through.note(slot, seen.map(|source| source.entity), material);
-            self.depth_biases.note(slot, packed.map(|packed| packed.flags));
+            let seen_flags = seen.and(packed.as_ref()).map(|packed| packed.flags);
+            self.depth_biases.note(slot, seen_flags);
             let own = seen.filter(|source| !source.is_stand_in);
             let forward = own.filter(|source| surroundings.materials.reflects_forward(source.material));
             self.forward.note(slot, forward.map(|source| source.entity));

@@ -314,11 +314,12 @@ fn search(first: u64, images: u64) {
             }
         }
         assert!(shown > scenes * 200, "{tracer}: only {shown} pixels show anything");
-        // Edges of fine textures can fall on other pixels: 4 of 960 scenes with ray queries.
+        // Edges of fine textures can fall on other pixels.
         assert!(100 * failures.len() <= scenes, "{tracer}: {failures:#?}");
     }
 }
 
+// The second image has a texture whose edges fall on other pixels.
 #[test]
 fn random_scenes_in_a_mirror_look_like_themselves() {
     search(3, 4);

@@ -134,7 +134,8 @@ proptest! {
         let instances: Vec<_> = (0..count).map(|i| (i % 2, placement(&mut random, 4.0))).collect();
         let flags: Vec<u32> = (0..count)
             .map(|_| {
-                let cull = [0, INSTANCE_CULL_BACK, INSTANCE_CULL_FRONT][random.below(3)];
+                let both = INSTANCE_CULL_BACK | INSTANCE_CULL_FRONT;
+                let cull = [0, INSTANCE_CULL_BACK, INSTANCE_CULL_FRONT, both][random.below(4)];
                 cull | [0, INSTANCE_ALPHA_MASKED][random.below(2)] | [0, INSTANCE_CASTS_SHADOW][random.below(2)]
             })
             .collect();

@@ -293,11 +293,12 @@ impl Packed {
         })
     }
 
-    /// Searches the triangles that cast shadows: those whose other face a light sees.
+    /// Searches the triangles that cast shadows: those whose face towards the light isn't culled, or of which only shadows are seen.
     pub fn shadow_oracle(&self, ray: &TraceRay) -> Oracle {
         self.search(ray, |flags, front| {
             let culled = if front { INSTANCE_CULL_BACK } else { INSTANCE_CULL_FRONT };
-            flags & INSTANCE_CASTS_SHADOW != 0 && flags & culled == 0
+            let both = INSTANCE_CULL_BACK | INSTANCE_CULL_FRONT;
+            flags & INSTANCE_CASTS_SHADOW != 0 && (flags & culled == 0 || flags & both == both)
         })
     }
 

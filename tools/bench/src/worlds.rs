@@ -554,7 +554,11 @@ impl Setup {
         match self.flash.take() {
             Some(flash) => _ = world.despawn(flash),
             None => {
-                let flash = (PointLight::default(), RenderLayers::layer(1), Transform::default());
+                let light = PointLight {
+                    shadow_maps_enabled: true,
+                    ..default()
+                };
+                let flash = (light, RenderLayers::from_layers(&[0, 1]), Transform::default());
                 self.flash = Some(world.spawn(flash).id());
             }
         }

@@ -14,6 +14,12 @@ const IMAGE_PRESET: &str = "ultra";
 const WINDOW_SIZE: UVec2 = UVec2::new(1280, 720);
 const IMAGE_SIZE: UVec2 = UVec2::new(960, 540);
 
+/// Ending of the names of images.
+pub const IMAGE_ENDING: &str = "png";
+/// Ending of the names of films.
+#[cfg(feature = "film")]
+pub const FILM_ENDING: &str = "webp";
+
 fn scene_help() -> String {
     format!("A built-in scene: {}", SceneName::ALL.map(SceneName::as_str).join(", "))
 }
@@ -87,7 +93,12 @@ pub struct Arguments {
         conflicts_with = "headless"
     )]
     pub record: PathBuf,
-    /// The image file (default: named after the scene)
+    /// Render a film of this many frames along the camera's path, as FILE.webp: without traced reflections at the left, and by
+    /// --technique at the right, both of --size
+    #[cfg(feature = "film")]
+    #[arg(long, value_name = "N", requires = "headless", conflicts_with_all = ["compare", "still"], value_parser = value_parser!(u32).range(1..))]
+    pub film: Option<u32>,
+    /// The file of the image (default: named after the scene)
     #[arg(long, value_name = "FILE.png")]
     out: Option<PathBuf>,
 }
@@ -127,16 +138,19 @@ impl Arguments {
         }
     }
 
-    /// Path of the image.
+    /// Path of the image or film, whose name has this ending.
     ///
     /// # Errors
     ///
-    /// If no image can be written there.
-    pub fn out(&self, source: &Source) -> Result<PathBuf, String> {
-        let default = || PathBuf::from(format!("{}.png", source.file_stem()));
+    /// If no file can be written there.
+    pub fn out(&self, source: &Source, ending: &str) -> Result<PathBuf, String> {
+        let default = || PathBuf::from(source.file_stem()).with_extension(ending);
         let out = self.out.clone().unwrap_or_else(default);
-        if !out.extension().is_some_and(|end| end.eq_ignore_ascii_case("png")) {
-            return Err(format!("the name of the image '{}' must end in .png", out.display()));
+        if !out.extension().is_some_and(|end| end.eq_ignore_ascii_case(ending)) {
+            return Err(format!(
+                "the name of the image '{}' must end in .{ending}",
+                out.display()
+            ));
         }
         if out.is_dir() {
             return Err(format!("'{}' is a folder", out.display()));

@@ -1,6 +1,12 @@
 //! Renders an image without a window.
 
-use crate::{arguments::Arguments, gltf::Framing, method::Method, plugins, source::Source};
+use crate::{
+    arguments::{Arguments, IMAGE_ENDING},
+    gltf::Framing,
+    method::Method,
+    plugins,
+    source::Source,
+};
 use bevy::{
     light::{DirectionalLightShadowMap, PointLightShadowMap},
     prelude::*,
@@ -16,13 +22,13 @@ const FRAME_LIMIT: u32 = 20_000;
 pub fn write(arguments: &Arguments) -> Result<(), String> {
     let source = arguments.source()?;
     let method = arguments.method()?;
-    let path = arguments.out(&source)?;
+    let path = arguments.out(&source, IMAGE_ENDING)?;
     let size = if arguments.compare {
         (arguments.size() / 2).max(UVec2::ONE)
     } else {
         arguments.size()
     };
-    let mut app = headless_app(arguments, size)?;
+    let mut app = headless_app(arguments, size, HeadlessSettings::default().timestep)?;
     source.spawn(app.world());
     if arguments.browser {
         drop_anisotropy(&mut app.world().resource_mut());
@@ -52,9 +58,11 @@ pub fn write(arguments: &Arguments) -> Result<(), String> {
     Ok(())
 }
 
-fn headless_app(arguments: &Arguments, size: UVec2) -> Result<HeadlessApp, String> {
+/// An app without a window, in which this much time passes from frame to frame.
+pub fn headless_app(arguments: &Arguments, size: UVec2, timestep: Duration) -> Result<HeadlessApp, String> {
     let mut settings = HeadlessSettings {
         size,
+        timestep,
         log: true,
         ..default()
     };
@@ -79,8 +87,18 @@ fn headless_app(arguments: &Arguments, size: UVec2) -> Result<HeadlessApp, Strin
     .map_err(|error| error.to_string())
 }
 
-/// Renders frames once everything is loaded, compiled and can be hit by rays; `is_still` stops the clock.
+/// Renders frames once everything is ready; `is_still` stops the clock.
 fn render(app: &mut HeadlessApp, source: &Source, is_still: bool, frames: u32) -> Result<Vec<u8>, String> {
+    wait_until_ready(app, source)?;
+    if is_still {
+        app.world().resource_mut::<Time<Virtual>>().pause();
+    }
+    app.step(frames);
+    app.capture().map_err(|error| error.to_string())
+}
+
+/// Waits until everything is loaded, compiled and can be hit by rays.
+pub fn wait_until_ready(app: &mut HeadlessApp, source: &Source) -> Result<(), String> {
     app.warm_up(FRAME_LIMIT).map_err(|error| error.to_string())?;
     if let Source::File(path) = source
         && *app.world().resource::<Framing>() != Framing::Done
@@ -88,11 +106,7 @@ fn render(app: &mut HeadlessApp, source: &Source, is_still: bool, frames: u32) -
         return Err(format!("'{}' holds nothing that can be seen", path.display()));
     }
     wait_for_scene(app);
-    if is_still {
-        app.world().resource_mut::<Time<Virtual>>().pause();
-    }
-    app.step(frames);
-    app.capture().map_err(|error| error.to_string())
+    Ok(())
 }
 
 /// Renders with the clock stopped until rays can hit everything, then resets every history and starts the clock: moving objects

@@ -3,6 +3,8 @@
 //! `cargo xtask demo` builds and starts this program; `--help` lists its options.
 
 mod arguments;
+#[cfg(feature = "film")]
+mod film;
 mod gltf;
 mod image;
 mod method;
@@ -17,16 +19,23 @@ use std::process::ExitCode;
 
 fn main() -> ExitCode {
     let arguments = Arguments::parse();
-    let result = if arguments.headless {
-        image::write(&arguments)
-    } else {
-        window::open(&arguments)
-    };
-    match result {
+    match run(&arguments) {
         Ok(()) => ExitCode::SUCCESS,
         Err(reason) => {
             eprintln!("error: {reason}");
             ExitCode::FAILURE
         }
+    }
+}
+
+fn run(arguments: &Arguments) -> Result<(), String> {
+    #[cfg(feature = "film")]
+    if let Some(frames) = arguments.film {
+        return film::write(arguments, frames);
+    }
+    if arguments.headless {
+        image::write(arguments)
+    } else {
+        window::open(arguments)
     }
 }

@@ -76,8 +76,7 @@ impl Source {
         let environment = match self {
             Self::BuiltIn(scene, _) => {
                 let (_, projection) = camera(*scene);
-                let camera_path = CameraPath::of(*scene);
-                let transform = camera_path.pose(path * camera_path.seconds);
+                let transform = pose(*scene, path);
                 world
                     .entity_mut(camera_entity)
                     .insert((transform, Projection::from(projection)));
@@ -90,4 +89,17 @@ impl Source {
         };
         environment.insert(&mut world.entity_mut(camera_entity));
     }
+
+    /// Moves the camera along the path of a built-in scene: 0 to 1.
+    #[cfg(feature = "film")]
+    pub fn move_camera(&self, camera_entity: Entity, path: f32, world: &mut World) {
+        if let Self::BuiltIn(scene, _) = self {
+            world.entity_mut(camera_entity).insert(pose(*scene, path));
+        }
+    }
+}
+
+fn pose(scene: SceneName, path: f32) -> Transform {
+    let camera_path = CameraPath::of(scene);
+    camera_path.pose(path * camera_path.seconds)
 }

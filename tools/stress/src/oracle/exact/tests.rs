@@ -96,6 +96,12 @@ fn shadows_are_judged() {
         );
         assert_eq!(by(&objects, x, Some(None)), Judgement::Wrong, "an empty slot");
     }
+    objects.known[0].culled = Some(Face::Back);
+    let judged = by(&objects, 0.0, Some(Some(FRONT)));
+    assert_eq!(judged, Judgement::Wrong, "the light sees its back");
+    objects.known[0].culled = Some(Face::Front);
+    assert_eq!(by(&objects, 0.0, Some(Some(FRONT))), Judgement::Exact);
+    objects.known[0].culled = None;
     objects.known[0].see_through = true;
     assert_eq!(
         by(&objects, 0.0, Some(Some(FRONT))),
