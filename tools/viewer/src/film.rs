@@ -84,6 +84,9 @@ fn encode(
     frame_time: Duration,
 ) -> Result<WebPData, webp_animation::Error> {
     let options = EncoderOptions {
+        // Each frame is complete: squares that stay from earlier frames are seen on what moves slowly.
+        kmin: 0,
+        kmax: 1,
         encoding_config: Some(EncodingConfig::new_lossy(QUALITY)),
         ..default()
     };
