@@ -222,6 +222,7 @@ pub(super) struct PreviousFrame {
 }
 
 /// Aim for the part by which unexposed light, such as emission, is too bright or dark in a history while the exposure changes steadily.
+/// A higher number keeps longer histories, with less noise.
 const EXPOSURE_TOLERANCE: f32 = 0.05;
 /// Frames that a history keeps then. Light that is wrong by a large factor is clipped instead.
 const EXPOSURE_FRAMES: f32 = 4.0;

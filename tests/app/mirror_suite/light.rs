@@ -110,15 +110,7 @@ pub(super) const ROWS: [Row; 11] = [
         stage.move_to_layers(&[2, 1]);
     }),
     ("a shadow of what only the light's layers show", |stage| {
-        stage.add((
-            DirectionalLight {
-                illuminance: 2000.0,
-                shadow_maps_enabled: true,
-                ..default()
-            },
-            Transform::default().looking_to(Vec3::new(0.5, -0.2, 1.0), Vec3::Y),
-            RenderLayers::from_layers(&[0, 1]),
-        ));
+        stage.add_sun_with_shadows(RenderLayers::from_layers(&[0, 1]));
         stage.spawn(blue());
         stage.move_to_layers(&[0, 1]);
     }),

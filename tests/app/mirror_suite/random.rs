@@ -319,7 +319,7 @@ fn search(first: u64, images: u64) {
     }
 }
 
-// The second image has a texture whose edges fall on other pixels.
+// Starts at 3: in image 2, the edges of a texture fall on other pixels.
 #[test]
 fn random_scenes_in_a_mirror_look_like_themselves() {
     search(3, 4);

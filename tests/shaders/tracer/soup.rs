@@ -293,7 +293,7 @@ impl Packed {
         })
     }
 
-    /// Searches the triangles that cast shadows: those whose face towards the light isn't culled, or of which only shadows are seen.
+    /// Searches the triangles that block light: a culled face towards the light doesn't. With both bits, both faces do.
     pub fn shadow_oracle(&self, ray: &TraceRay) -> Oracle {
         self.search(ray, |flags, front| {
             let culled = if front { INSTANCE_CULL_BACK } else { INSTANCE_CULL_FRONT };

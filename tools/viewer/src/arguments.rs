@@ -138,7 +138,7 @@ impl Arguments {
         }
     }
 
-    /// Path of the image or film, whose name has this ending.
+    /// Path of the image or film. Its name must have this ending.
     ///
     /// # Errors
     ///
@@ -148,7 +148,7 @@ impl Arguments {
         let out = self.out.clone().unwrap_or_else(default);
         if !out.extension().is_some_and(|end| end.eq_ignore_ascii_case(ending)) {
             return Err(format!(
-                "the name of the image '{}' must end in .{ending}",
+                "the name of the file '{}' must end in .{ending}",
                 out.display()
             ));
         }

@@ -13,7 +13,7 @@ const FOLDER: &str = env!("CARGO_TARGET_TMPDIR");
 /// Two rows of two images.
 const COMPARISON: [&str; 3] = ["--compare", "--size", "128x72"];
 const FRAMES: [&str; 3] = ["--truth-frames", "24", "--frames=6"];
-/// For scenes with small highlights, whose noise would hide the difference.
+/// For scenes with small highlights: with fewer frames, noise hides the difference.
 const MORE_FRAMES: [&str; 3] = ["--truth-frames", "96", "--frames=16"];
 
 fn viewer(arguments: &[&str]) -> Output {
