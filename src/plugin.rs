@@ -52,6 +52,8 @@ pub struct RayTracedReflectionsPlugin {
     /// [`deferred_fragment_shader`](bevy::pbr::MaterialExtension::deferred_fragment_shader) stays forward, since the G-buffer would only
     /// show its base.
     ///
+    /// Bevy's G-buffer has no [clustered decals](bevy::light::ClusteredDecal). Materials that should show them must be forward.
+    ///
     /// If false, neither materials nor other cameras change. Materials drawn in the forward pass then reflect with
     /// [`forward`](crate::RayTracedReflections::forward). Other materials need an
     /// [`opaque_render_method`](bevy::pbr::StandardMaterial::opaque_render_method) of `Deferred`, and the app must add the above

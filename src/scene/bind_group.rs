@@ -9,6 +9,7 @@ use super::{
     bvh::Item,
     change::{Change, SceneVersion},
     coplanar::DepthBiases,
+    decals::DecalTable,
     environment::can_have_haze,
     features::Features,
     forward::ForwardObjects,
@@ -77,6 +78,7 @@ pub struct SceneBindings {
     pub(super) lightmaps: Lightmaps,
     pub(super) light_probes: LightProbes,
     pub(super) particles: ParticleTable,
+    pub(super) decals: DecalTable,
     /// Features that tables have reported; [`Self::features`] returns all of them.
     pub(super) features: Features,
     pub(super) acceleration: Option<AccelerationStructures>,
@@ -131,6 +133,7 @@ impl FromWorld for SceneBindings {
             lightmaps: Lightmaps::default(),
             light_probes: LightProbes::new(textures.mode(), device, queue),
             particles: ParticleTable::default(),
+            decals: DecalTable::default(),
             features: Features::MASKED,
             acceleration: (tracer == ReflectionTracer::RayQuery).then(|| AccelerationStructures::new(device, queue)),
             may_split: true,
@@ -219,6 +222,7 @@ impl SceneBindings {
         self.light_textures = LightTextures::default();
         self.light_probes.clear();
         self.particles.clear(meshes);
+        self.decals.clear(meshes);
         self.set_tree_features(true, false);
         self.bind_group = None;
         self.contents.clear();

@@ -4,6 +4,7 @@
 use super::{
     activity::SceneActivity,
     alpha_images::{AlphaImages, extract_alpha_images},
+    decals::{DecalWorld, ExtractedDecals, extract_decals},
     environment::{Atmospheres, ReflectingCameras, ViewEnvironment, follow_environments},
     fog_volumes::FogWorld,
     instances::{SceneInstances, extract::RemovedFromScene, lost::LostComponents},
@@ -116,22 +117,23 @@ pub(super) fn extract_shapes(
     );
 }
 
-/// Extracts lights, light probes and particles.
+/// Extracts lights, light probes, particles and decals.
 pub(super) fn extract_lighting(
-    world: Extract<(LightWorld, ProbeWorld, ParticleWorld)>,
+    world: Extract<(LightWorld, ProbeWorld, ParticleWorld, DecalWorld)>,
     activity: Res<SceneActivity>,
     layers: Res<SceneLayers>,
     mut lights: ResMut<ExtractedLights>,
     mut known: Local<KnownLights>,
     probes: ResMut<ExtractedLightProbes>,
-    mut particles: ResMut<ExtractedParticles>,
+    (mut particles, mut decals): (ResMut<ExtractedParticles>, ResMut<ExtractedDecals>),
 ) {
-    let (lights_there, probes_there, particles_there) = &*world;
+    let (lights_there, probes_there, particles_there, decals_there) = &*world;
     extract_lights(lights_there, activity.active, &layers, &mut lights, &mut known);
     if activity.watched || !activity.active {
         extract_light_probes(probes_there, activity.active, probes);
     }
     extract_particles(particles_there, &activity, &layers, &mut particles);
+    extract_decals(decals_there, &activity, &layers, &mut decals);
 }
 
 /// Tracks images of the main world.

@@ -61,6 +61,8 @@ bitflags! {
         const PARTICLES = 1 << 24;
         /// Some of them are lit.
         const LIT_PARTICLES = 1 << 25;
+        /// There are clustered decals, and materials that show them.
+        const DECALS = 1 << 26;
     }
 }
 
@@ -113,7 +115,7 @@ const fn row(feature: Features, definition: &'static str, passes: Passes) -> Row
 }
 
 /// All features. The definitions of the first two depend on the tracer (`SceneBindings::definitions`).
-const TABLE: [Row; 26] = {
+const TABLE: [Row; 27] = {
     use Features as F;
     use Passes as P;
     [
@@ -151,6 +153,7 @@ const TABLE: [Row; 26] = {
         row(F::COPLANAR, "COPLANAR", P::ALL_TRACING),
         row(F::PARTICLES, "PARTICLES", P::ALL_TRACING.union(P::SHADING)),
         row(F::LIT_PARTICLES, "LIT_PARTICLES", P::ALL_TRACING),
+        row(F::DECALS, "DECALS", P::ALL_SHADING.union(P::FRONT_LAYER)),
     ]
 };
 
@@ -216,6 +219,7 @@ impl Features {
                 warm_up.particles,
                 Self::MANY_LIGHTS | Self::PARTICLES | Self::LIT_PARTICLES,
             ),
+            (warm_up.decals, Self::DECALS),
         ];
         named
             .into_iter()
@@ -380,7 +384,9 @@ mod tests {
     fn passes_see_only_what_makes_a_difference_to_them() {
         let seen = |pass| Features::all().seen_by(pass);
         let rays = seen(Passes::RAYS);
-        assert!(!rays.intersects(Features::LIGHTMAPS | Features::HAZE | Features::RECT_LIGHTS | Features::BOUNCES));
+        assert!(!rays.intersects(
+            Features::LIGHTMAPS | Features::DECALS | Features::HAZE | Features::RECT_LIGHTS | Features::BOUNCES
+        ));
         assert!(rays.contains(Features::REFRACTION | Features::DIFFUSE_TRANSMISSION | Features::SCREEN_TRACES));
         // The ray pass needs it in order to test only directional lights.
         assert!(rays.contains(Features::LIGHT_SAMPLING));
@@ -391,7 +397,11 @@ mod tests {
         assert!(traced.contains(Features::MANY_LIGHTS | Features::LIGHT_SAMPLING | Features::FOG_VOLUMES));
         assert!(!traced.intersects(Features::SCREEN_TRACES | Features::LAYERS | Features::REFRACTION));
         let find = seen(Passes::FRONT_LAYER);
-        let of_find = Features::MASKED | Features::DEEP_TREES | Features::RENDER_LAYERS | Features::FORWARD_SURFACES;
+        let of_find = Features::MASKED
+            | Features::DEEP_TREES
+            | Features::RENDER_LAYERS
+            | Features::FORWARD_SURFACES
+            | Features::DECALS;
         assert_eq!(find, of_find);
         // Rays pass through nothing if there are no masks.
         let opaque = Features::all() - Features::MASKED;

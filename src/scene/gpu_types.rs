@@ -65,6 +65,8 @@ pub const MATERIAL_TYPE_SHIFT: u32 = 10;
 pub const MATERIAL_TYPE_BITS: u32 = 15;
 /// Bevy adds all of the surface's reflected light, regardless of alpha.
 pub const MATERIAL_PREMULTIPLIED: u32 = 2_097_152;
+/// Bevy draws the surface in its forward pass, where it shows clustered decals. Its G-buffer has none.
+pub const MATERIAL_DECALS: u32 = 4_194_304;
 
 /// Optical depth beyond which nothing is visible: 1e-7 of the light is left. A higher value makes the steps of
 /// [`GpuMaterial::optical_depth`] coarser.
@@ -272,6 +274,12 @@ pub struct GpuSceneCounts {
     pub particle_count: u32,
     /// 1 if particles changed in this frame.
     pub particles_move: u32,
+    /// Word of the geometry buffer at which the table of decals begins.
+    pub first_decal_word: u32,
+    /// Leaves of its tree, a power of two; 0 without decals.
+    pub decal_leaf_count: u32,
+    /// Number of decals.
+    pub decal_count: u32,
 }
 
 const _: () = assert!(size_of::<GpuInstance>() == 128);
@@ -279,4 +287,4 @@ const _: () = assert!(size_of::<GpuMaterial>() == 128);
 const _: () = assert!(size_of::<GpuLight>() == 64);
 const _: () = assert!(size_of::<GpuLightTexture>() == size_of::<GpuLight>());
 const _: () = assert!(size_of::<GpuLightProbe>() == 80);
-const _: () = assert!(size_of::<GpuSceneCounts>() == 84);
+const _: () = assert!(size_of::<GpuSceneCounts>() == 96);

@@ -2,6 +2,7 @@
 //! position. Their records follow the lights in one buffer, and `light_textures.wesl` is the GPU side.
 
 use super::{
+    bevy_shaders::lighting_defines,
     gpu_types::{GpuLight, GpuLightTexture, LIGHT_TEXTURE_SHIFT, NO_TEXTURE},
     textures::TextureTable,
 };
@@ -10,9 +11,8 @@ use bevy::{
     ecs::{prelude::*, system::SystemParam},
     image::Image,
     light::{DirectionalLightTexture, PointLightTexture, SpotLight, SpotLightTexture},
-    pbr::{MeshPipelineKey, deferred::DeferredLightingLayout},
+    pbr::deferred::DeferredLightingLayout,
     platform::collections::HashSet,
-    render::render_resource::SpecializedRenderPipeline,
     transform::components::GlobalTransform,
 };
 use std::f32::consts::FRAC_PI_2;
@@ -104,13 +104,9 @@ pub(super) struct LightTextures {
 }
 
 impl LightTextures {
-    /// Detects whether Bevy's own lighting reads textures of lights, which depends on its cargo features and the device.
+    /// Detects whether Bevy's own lighting reads textures of lights.
     pub fn detect(&mut self, lighting: Option<&DeferredLightingLayout>) {
-        self.shine = self.shine.or_else(|| {
-            let lighting = lighting?.specialize(MeshPipelineKey::NONE);
-            let definitions = lighting.fragment.map(|fragment| fragment.shader_defs);
-            Some(definitions.unwrap_or_default().contains(&DEFINITION.into()))
-        });
+        self.shine = self.shine.or_else(|| lighting_defines(lighting, DEFINITION));
     }
 
     /// Updates the textures, each with its light. `resettled` are images that were loaded or have new content. Returns whether

@@ -246,6 +246,8 @@ pub struct MaterialTable {
     coated: usize,
     /// Number of materials with diffuse transmission.
     translucent: usize,
+    /// Number of materials that show decals.
+    decorated: usize,
     /// Number of packed materials so far, for tests.
     #[cfg(test)]
     packs: usize,
@@ -253,6 +255,10 @@ pub struct MaterialTable {
 
 fn is_coated(material: &GpuMaterial) -> bool {
     material.clearcoat != 0
+}
+
+fn shows_decals(material: &GpuMaterial) -> bool {
+    material.flags & MATERIAL_DECALS != 0
 }
 
 impl Default for MaterialTable {
@@ -273,6 +279,7 @@ impl Default for MaterialTable {
             restless: HashMap::default(),
             coated: 0,
             translucent: 0,
+            decorated: 0,
             #[cfg(test)]
             packs: 0,
         }
@@ -325,6 +332,11 @@ impl MaterialTable {
         self.translucent > 0
     }
 
+    /// Returns whether any material shows decals, which shaders are compiled for.
+    pub(crate) fn shows_decals(&self) -> bool {
+        self.decorated > 0
+    }
+
     /// Materials to store in the materials buffer.
     pub fn materials(&self) -> &[GpuMaterial] {
         &self.data
@@ -351,6 +363,8 @@ impl MaterialTable {
         self.coated -= usize::from(is_coated(&before));
         self.translucent += usize::from(material.emissive[3] > 0.0);
         self.translucent -= usize::from(before.emissive[3] > 0.0);
+        self.decorated += usize::from(shows_decals(&material));
+        self.decorated -= usize::from(shows_decals(&before));
         *data = material;
         let is_marked = hits_same(&before, &material);
         let place = index as usize;

@@ -8,11 +8,14 @@ mod activity;
 mod alpha_images;
 pub mod arena;
 pub mod atmosphere;
+mod bevy_shaders;
 mod bind_group;
+mod box_tree;
 pub mod bvh;
 mod change;
 mod change_ticks;
 mod coplanar;
+mod decals;
 pub mod environment;
 mod extract;
 mod features;
@@ -42,7 +45,7 @@ pub(crate) mod reflected_material;
 mod render_layers;
 pub(crate) mod see_through;
 #[cfg(test)]
-mod test_gpu;
+pub(crate) mod test_gpu;
 mod texture_layers;
 pub mod textures;
 mod top_level;
@@ -75,6 +78,7 @@ use bevy::{
     shader::load_shader_library,
 };
 use bind_group::prepare_scene_bind_group;
+use decals::ExtractedDecals;
 use environment::{EnvironmentBindings, prepare_environments};
 use extract::{begin_extraction, extract_images, extract_lighting};
 use instances::{SceneInstances, details::LevelsOfDetail, lost::LostComponents};
@@ -106,6 +110,7 @@ impl Plugin for ScenePlugin {
         load_shader_library!(app, "atmosphere.wesl");
         load_shader_library!(app, "bindings.wesl");
         load_shader_library!(app, "bvh.wesl");
+        load_shader_library!(app, "decals.wesl");
         load_shader_library!(app, "environment.wesl");
         load_shader_library!(app, "geometry.wesl");
         load_shader_library!(app, "light_probes.wesl");
@@ -148,6 +153,7 @@ impl Plugin for ScenePlugin {
             .init_resource::<ExtractedLights>()
             .init_resource::<ExtractedPoses>()
             .init_resource::<ExtractedLightProbes>()
+            .init_resource::<ExtractedDecals>()
             .init_resource::<ExtractedParticles>()
             .init_resource::<SceneLayers>()
             .init_gpu_resource::<SceneActivity>()

@@ -1,15 +1,13 @@
 //! Particles of `ReflectedParticles`: a table in the geometry buffer, which `particles.wesl` reads.
 //!
-//! - `extract.rs` copies them from the main world.
-//! - `tree.rs` sorts them into a tree.
+//! `extract.rs` copies them from the main world.
 
 mod extract;
-mod tree;
 
 pub(super) use extract::{ExtractedParticles, ParticleWorld, extract_particles};
 
 use super::{
-    arena::ArenaSlice,
+    box_tree::{Box6, BoxTable, TablePlace},
     change::Change,
     materials::{MaterialAssets, MaterialTable},
     meshes::SceneMeshes,
@@ -19,7 +17,6 @@ use bevy::{
     render::renderer::RenderQueue,
 };
 use bytemuck::{Pod, Zeroable};
-use tree::{Box6, Tree};
 
 /// Maximum number of particles; it bounds a loop of `particles.wesl`.
 const MAX_PARTICLES: usize = 1 << 18;
@@ -44,9 +41,7 @@ struct GpuParticle {
 
 /// Words of a particle; `particles.wesl` has the same number.
 const PARTICLE_WORDS: usize = 12;
-/// Words of a node of the tree; `particles.wesl` has the same number.
-const NODE_WORDS: usize = 6;
-const _: () = assert!(size_of::<GpuParticle>() == 4 * PARTICLE_WORDS && size_of::<Box6>() == 4 * NODE_WORDS);
+const _: () = assert!(size_of::<GpuParticle>() == 4 * PARTICLE_WORDS);
 
 /// Alpha modes; `trace/particles.wesl` has the same numbers.
 const MODE_OPAQUE: u32 = 0;
@@ -67,28 +62,12 @@ fn mode_of(material: &StandardMaterial) -> u32 {
     }
 }
 
-/// Values for `GpuSceneCounts`.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(super) struct ParticleCounts {
-    /// Word of the table in the geometry buffer: the nodes of the tree, followed by the particles.
-    pub first_word: u32,
-    /// Leaves of the tree; 0 without particles.
-    pub leaves: u32,
-    /// Number of particles.
-    pub particles: u32,
-    /// They changed in this frame.
-    pub move_now: bool,
-}
-
 /// The particles on the GPU.
 #[derive(Default)]
 pub(super) struct ParticleTable {
-    /// In the order of the tree.
-    particles: Vec<GpuParticle>,
     /// In the order of the app.
     given: Vec<GpuParticle>,
-    tree: Tree,
-    slice: Option<ArenaSlice>,
+    table: BoxTable,
     /// Version of the extracted particles in the table.
     version: u64,
     /// Some entity has particles, or could have them in any frame.
@@ -97,8 +76,6 @@ pub(super) struct ParticleTable {
     is_lit: bool,
     /// They changed in this frame.
     move_now: bool,
-    /// The geometry buffer had no room for all of them.
-    lacks_room: bool,
 }
 
 impl ParticleTable {
@@ -112,23 +89,19 @@ impl ParticleTable {
         self.is_lit
     }
 
-    pub fn counts(&self) -> ParticleCounts {
-        match &self.slice {
-            Some(slice) if !self.particles.is_empty() => ParticleCounts {
-                first_word: slice.base(),
-                leaves: self.tree.leaf_count() as u32,
-                particles: self.particles.len() as u32,
-                move_now: self.move_now,
-            },
-            _ => ParticleCounts::default(),
-        }
+    /// Where shaders find them.
+    pub fn place(&self) -> TablePlace {
+        self.table.place()
+    }
+
+    /// Returns whether they changed in this frame.
+    pub fn move_now(&self) -> bool {
+        self.move_now && self.place() != TablePlace::default()
     }
 
     /// Removes all particles.
     pub fn clear(&mut self, meshes: &mut SceneMeshes) {
-        if let Some(slice) = self.slice.take() {
-            meshes.geometry.free(slice);
-        }
+        self.table.clear(meshes);
         *self = Self::default();
     }
 
@@ -145,13 +118,9 @@ impl ParticleTable {
         // Rays count the changed surfaces that they hit, and no particles.
         let is_repainted = !extracted.sets.is_empty()
             && (assets.changed().any(uses) || extracted.sets.iter().any(|set| materials.is_restless(set.material)));
-        let is_stranded = self
-            .slice
-            .as_ref()
-            .is_some_and(|slice| meshes.geometry.is_stranded(slice));
-        let has_room_now = self.lacks_room && meshes.geometry.may_ask_again();
+        let must_move = self.table.must_move(meshes);
         self.move_now = extracted.version != self.version || is_repainted;
-        if !self.move_now && !is_stranded && !has_room_now {
+        if !self.move_now && !must_move {
             return Change::Nothing;
         }
         self.version = extracted.version;
@@ -180,43 +149,15 @@ impl ParticleTable {
             packed.truncate(MAX_PARTICLES);
         }
         // Apps write the same particles again, too.
-        if packed == self.given && !is_repainted && !is_stranded && !has_room_now {
+        if packed == self.given && !is_repainted && !must_move {
             self.move_now = false;
             return Change::Nothing;
         }
-        self.tree.build(packed.iter().map(bounds));
-        self.particles.clear();
-        let in_order = self.tree.order().iter().map(|index| packed[*index as usize]);
-        self.particles.extend(in_order);
-        self.given = packed;
-        self.upload(is_stranded, meshes, queue);
-        Change::Unmarked
-    }
-
-    /// Writes the nodes and the particles behind them.
-    fn upload(&mut self, moves: bool, meshes: &mut SceneMeshes, queue: &RenderQueue) {
-        let nodes: &[u32] = bytemuck::cast_slice(self.tree.nodes());
-        let words = nodes.len() + PARTICLE_WORDS * self.particles.len();
-        let room = self.slice.as_ref().map_or(0, |slice| slice.words() as usize);
-        if words == 0 || words > room || 4 * words < room || moves {
-            if let Some(slice) = self.slice.take() {
-                meshes.geometry.free(slice);
-            }
-            // Room for more, so that a growing number of particles rarely moves.
-            let wanted = [words.next_power_of_two(), words].map(|words| words as u32);
-            self.slice = wanted
-                .into_iter()
-                .filter(|words| *words > 0 && !self.particles.is_empty())
-                .find_map(|words| meshes.geometry.allocate(words));
-        }
-        self.lacks_room = self.slice.is_none() && !self.particles.is_empty();
-        if let Some(slice) = &self.slice {
-            meshes.geometry.write(queue, slice, nodes);
-            let particles = bytemuck::cast_slice(&self.particles);
-            meshes.geometry.write_from(queue, slice, nodes.len(), particles);
-        } else if self.lacks_room {
+        if !self.table.write(&packed, packed.iter().map(bounds), meshes, queue) {
             warn_once!("reflections show no particles, since the device lacks memory for them");
         }
+        self.given = packed;
+        Change::Unmarked
     }
 }
 

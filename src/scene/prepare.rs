@@ -11,6 +11,7 @@ use super::{
     alpha_images::AlphaImages,
     bind_group::SceneBindings,
     change::Change,
+    decals::ExtractedDecals,
     environment::ViewEnvironment,
     features::Features,
     gpu_types::GpuSceneCounts,
@@ -21,7 +22,7 @@ use super::{
     materials::{MaterialAssets, MaterialTable, update_materials},
     meshes::{SceneMeshes, upload::upload_meshes},
     origin::AnnouncedShift,
-    particles::{ExtractedParticles, ParticleCounts},
+    particles::ExtractedParticles,
     pose::{ExtractedPoses, PoseInputs},
     render_layers::SceneLayers,
     textures::TextureTable,
@@ -61,6 +62,7 @@ pub(super) struct Scene<'w, 's> {
     lights: ResMut<'w, ExtractedLights>,
     light_probes: Res<'w, ExtractedLightProbes>,
     particles: Res<'w, ExtractedParticles>,
+    decals: Res<'w, ExtractedDecals>,
     layers: Res<'w, SceneLayers>,
     views: Query<'w, 's, &'static ViewEnvironment>,
     wanted: Query<'w, 's, &'static WantsReflections>,
@@ -92,7 +94,7 @@ pub(super) fn prepare_scene(mut scene: Scene, mut changed_materials: Local<HashS
         .update(&scene.device, &scene.queue, &scene.cache, &scene.images);
     let resettled = scene.textures.take_resettled();
     scene.bindings.follow_kernels(&scene.cache);
-    scene.prepare_particles();
+    scene.prepare_box_tables(&resettled);
     scene.prepare_instances(&mut changed_materials, &resettled);
     update_materials(
         &mut scene.assets,
@@ -246,6 +248,10 @@ impl Scene<'_, '_> {
             ),
             (Features::RENDER_LAYERS, self.layers.differ()),
             (Features::RECT_LIGHTS, self.lights.has_rects()),
+            (
+                Features::DECALS,
+                self.bindings.decals.are_shown(self.materials.shows_decals()),
+            ),
         ];
         for (feature, is_there) in noted {
             self.bindings.features.set(feature, is_there);
@@ -256,15 +262,22 @@ impl Scene<'_, '_> {
         }
     }
 
-    /// Updates particles. Runs before instances, after which no buffer is replaced, and before materials are packed, which clears their
-    /// changes.
-    fn prepare_particles(&mut self) {
+    /// Updates particles and decals. Runs before instances, after which no buffer is replaced, and before materials are packed, which clears
+    /// their changes.
+    fn prepare_box_tables(&mut self, resettled: &HashSet<AssetId<Image>>) {
         if !self.activity.active {
             return;
         }
-        let (particles, meshes) = (&mut self.bindings.particles, &mut *self.meshes);
-        let change = particles.update(&self.particles, &self.assets, &mut self.materials, meshes, &self.queue);
-        self.bindings.version.note(change);
+        let bindings = &mut *self.bindings;
+        let (meshes, queue) = (&mut *self.meshes, &*self.queue);
+        let (assets, materials) = (&*self.assets, &mut *self.materials);
+        let flown = bindings
+            .particles
+            .update(&self.particles, assets, materials, meshes, queue);
+        let (lighting, textures) = (self.lighting.as_deref(), &mut *self.textures);
+        let decals = &mut bindings.decals;
+        let pasted = decals.follow(&self.decals, lighting, resettled, textures, meshes, queue);
+        bindings.version.note(flown.max(pasted));
     }
 
     /// Updates light probes.
@@ -333,12 +346,7 @@ impl Scene<'_, '_> {
         }
         let [first_light_texture, light_texture_count] = bindings.lights.textures();
         let [largest_depth_bias, depth_bias_range] = bindings.depth_biases.range();
-        let ParticleCounts {
-            first_word: first_particle_word,
-            leaves: particle_leaf_count,
-            particles: particle_count,
-            move_now: particles_move,
-        } = bindings.particles.counts();
+        let [particles, decals] = [bindings.particles.place(), bindings.decals.place()];
         let uniform = GpuSceneCounts {
             light_count: bindings.lights.count(),
             directional_light_count: bindings.lights.directional_count(),
@@ -353,10 +361,13 @@ impl Scene<'_, '_> {
             restless_probes: bindings.light_probes.restless(),
             largest_depth_bias,
             depth_bias_range,
-            first_particle_word,
-            particle_leaf_count,
-            particle_count,
-            particles_move: particles_move.into(),
+            first_particle_word: particles.first_word,
+            particle_leaf_count: particles.leaves,
+            particle_count: particles.records,
+            particles_move: bindings.particles.move_now().into(),
+            first_decal_word: decals.first_word,
+            decal_leaf_count: decals.leaves,
+            decal_count: decals.records,
             ..bindings.uniform_data
         };
         if uniform != bindings.uniform_data || bindings.bind_group.is_none() {

@@ -72,7 +72,7 @@ pub struct RayTracedReflections {
     #[reflect(@0.0..=1.0f32)]
     pub bounce_roughness_cutoff: f32,
     /// Takes the light of hits from the last frame if they were visible there, instead of shading them: reflections then show custom
-    /// shaders and clustered decals, and hits cost less. Static views and the ground truth shade every hit. Default:
+    /// shaders, and hits cost less. Static views and the ground truth shade every hit. Default:
     /// [`ScreenTraces::Off`].
     pub screen_traces: ScreenTraces,
     /// Traces shadow rays from hits to the lights that cast shadows: one more ray for each light and hit. Without them, light leaks
@@ -213,7 +213,7 @@ pub enum ScreenTraces {
     /// A hit that was visible in the last frame takes its colour from there, scaled by the change of exposure. It needs neither lights nor
     /// shadow rays. The camera keeps a copy of its lit frame: 8 bytes per pixel, and a pass that writes it.
     ///
-    /// The copy contains opaque surfaces, with their reflections, ambient occlusion and clustered decals, but no blended surfaces. The
+    /// The copy contains opaque surfaces, with their reflections, ambient occlusion and decals, but no blended surfaces. The
     /// colours of materials without a prepass appear on the surfaces behind them, and the colours of objects that rays don't see on
     /// surfaces right behind them. These hits are shaded:
     ///

@@ -54,6 +54,8 @@ pub struct ReflectionWarmUp {
     pub volumetric_fog: bool,
     /// Particles and billboards, unlit and lit. Default: false.
     pub particles: bool,
+    /// Clustered decals. Default: false.
+    pub decals: bool,
 }
 
 impl ReflectionWarmUp {
@@ -70,5 +72,6 @@ impl ReflectionWarmUp {
         atmosphere: true,
         volumetric_fog: true,
         particles: true,
+        decals: true,
     };
 }

@@ -3,6 +3,7 @@
 
 mod basics;
 mod coplanar;
+mod decals;
 mod far;
 mod haze;
 mod light;
@@ -377,7 +378,8 @@ fn a_scene_in_a_mirror_looks_like_itself() {
             .chain(haze::ROWS)
             .chain(materials::ROWS)
             .chain(particles::ROWS)
-            .chain(coplanar::ROWS);
+            .chain(coplanar::ROWS)
+            .chain(decals::ROWS);
         for (name, spawn) in rows.filter(|(name, _)| name.contains(&filter)) {
             spawn(&mut stage);
             let actual = stage.in_the_mirror();

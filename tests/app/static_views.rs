@@ -9,7 +9,8 @@ use bevy::{
     asset::RenderAssetUsages,
     camera::Exposure,
     image::Image,
-    light::{Atmosphere, LightProbe, SunDisk, atmosphere::ScatteringMedium},
+    light::{Atmosphere, ClusteredDecal, LightProbe, SunDisk, atmosphere::ScatteringMedium},
+    material::OpaqueRendererMethod,
     pbr::AtmosphereSettings,
     prelude::*,
     render::render_resource::{Extent3d, TextureDimension, TextureFormat, TextureViewDescriptor, TextureViewDimension},
@@ -386,6 +387,41 @@ fn what_rays_meet_is_followed() {
             });
         }
     }
+}
+
+/// No surface has a mark for its decals.
+#[test]
+#[ignore = "long: hundreds of frames"]
+fn decals_that_appear_are_followed() {
+    let Some(mut app) = app(SIZE, Output::Linear, ReflectionTracerChoice::Bvh) else {
+        return;
+    };
+    let app = &mut app;
+    let camera = room(app, 0.2);
+    let thing = StandardMaterial {
+        opaque_render_method: OpaqueRendererMethod::Forward,
+        ..default()
+    };
+    spawn_mesh(app, Cuboid::from_length(1.5), thing, Transform::from_translation(SEEN));
+    let glow = app
+        .world()
+        .resource_mut::<Assets<Image>>()
+        .add(white(Extent3d::default()));
+    let decal = ClusteredDecal {
+        emissive_texture: Some(glow),
+        ..default()
+    };
+    let place = Transform::from_translation(SEEN).with_scale(Vec3::splat(2.0));
+    let decal = app.world().spawn((decal, place, Visibility::Hidden)).id();
+    let show = |app: &mut HeadlessApp, visibility| {
+        app.world().entity_mut(decal).insert(visibility);
+    };
+    let restore = |app: &mut HeadlessApp| show(app, Visibility::Hidden);
+    assert_followed(app, camera, "a decal", restore, |app, _, happens| {
+        if happens {
+            show(app, Visibility::Visible);
+        }
+    });
 }
 
 /// Units per metre: haze of kilometres between objects that are near.

@@ -6,7 +6,7 @@ use crate::wesl::Shaders;
 use bevy_glint::internals::{atmosphere::GpuAir, environment::GpuEnvironment, fog_volumes::GpuFogVolume, gpu_types::*};
 
 /// Definitions, several at a time.
-pub const COMBINATIONS: [&[&str]; 84] = [
+pub const COMBINATIONS: [&[&str]; 86] = [
     &[],
     &["ALPHA_MASKED_GEOMETRY"],
     &["ALPHA_MASKED_GEOMETRY", "BINDLESS_TEXTURES"],
@@ -207,6 +207,8 @@ pub const COMBINATIONS: [&[&str]; 84] = [
         "RAY_QUERY",
         "BINDLESS_TEXTURES",
     ],
+    &["DECALS", "LIGHTMAPS", "BOUNCES", "BINDLESS_TEXTURES"],
+    &["DECALS", "MIRRORS", "LAYERED_RAYS", "RAY_QUERY", "SURFACE_SHADER"],
     &["PARTICLES", "ALPHA_MASKED_GEOMETRY"],
     &["PARTICLES", "VOLUMETRIC_FOG", "MANY_LIGHTS", "RAY_QUERY"],
     &["PARTICLES", "LIT_PARTICLES", "MANY_LIGHTS", "BOUNCES", "LIGHT_SAMPLING"],
@@ -526,7 +528,10 @@ fn lights_and_counts_match_the_cpu() {
             first_particle_word,
             particle_leaf_count,
             particle_count,
-            particles_move
+            particles_move,
+            first_decal_word,
+            decal_leaf_count,
+            decal_count
         ]
     );
 }

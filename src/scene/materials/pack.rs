@@ -78,6 +78,7 @@ pub fn pack_material(material: &StandardMaterial) -> GpuMaterial {
         (MATERIAL_FLIP_NORMAL_MAP_Y, material.flip_normal_map_y),
         (MATERIAL_PREMULTIPLIED, material.alpha_mode == AlphaMode::Premultiplied),
         (MATERIAL_LIT_FORWARD, !material.unlit && is_drawn_forward(material)),
+        (MATERIAL_DECALS, is_drawn_forward(material)),
         (
             MATERIAL_SOLID_TEXTURE,
             material.alpha_mode == AlphaMode::Opaque && stopped.is_some(),

@@ -1,7 +1,5 @@
-use super::{
-    GpuParticle, bounds,
-    tree::{Box6, Tree},
-};
+use super::{GpuParticle, bounds};
+use crate::scene::box_tree::{Box6, Tree};
 use bevy::math::Vec3;
 
 /// Numbers from 0 to 1 that look random.

@@ -11,7 +11,10 @@ use crate::{
     pictures::{any_tracer, dump},
     stage::spawn_mesh,
 };
-use bevy::{material::OpaqueRendererMethod, prelude::*, reflect::structs::Struct, render::render_resource::Face};
+use bevy::{
+    light::ClusteredDecal, material::OpaqueRendererMethod, prelude::*, reflect::structs::Struct,
+    render::render_resource::Face,
+};
 use fields::{FIELDS, Images, Vary};
 use glint_scenes::{HeadlessApp, Output, Random};
 use lights::add_lights;
@@ -128,6 +131,10 @@ impl Recipe {
                 vary(&mut material, &mut Random::new(seed), images);
             }
         }
+        if self.varies("decal").is_some_and(|seed| seed % 4 > 0) {
+            // Bevy's G-buffer has none.
+            material.opaque_render_method = OpaqueRendererMethod::Forward;
+        }
         if material.clearcoat > 0.0 {
             material.opaque_render_method = OpaqueRendererMethod::Deferred;
         }
@@ -200,6 +207,9 @@ impl<'a> Theatre<'a> {
                 recipe.add_joints(world, parent, child, place);
                 self.stage.spawned.push(parent);
             }
+            if let Some((decal, place)) = recipe.decal(&self.images) {
+                self.stage.add((decal, place.with_translation(parent.translation)));
+            }
         }
         let actual = self.stage.in_the_mirror();
         let expected = self.stage.by_the_mirrored_camera();
@@ -226,6 +236,7 @@ impl<'a> Theatre<'a> {
         for material in [blended, through] {
             self.stage.put(Rectangle::new(1.0, 1.0), material, far);
         }
+        self.stage.add((ClusteredDecal::default(), far));
     }
 
     /// Removes ingredients while the scenes still differ, many at a time.

@@ -76,7 +76,7 @@ pub struct Arguments {
     /// Rounds of `--worlds`, for the intervals; arrivals have fewer
     #[arg(long, value_name = "N", default_value_t = 12, value_parser = value_parser!(u32).range(2..))]
     pub rounds: u32,
-    /// Measure only characters and a field that are posed in each frame, particles, and many lamps against few: tables in Markdown
+    /// Measure only characters and a field that are posed in each frame, particles, decals, and many lamps against few: tables in Markdown
     #[arg(long, group = "cases")]
     pub crowds: bool,
     /// Characters of `--crowds`, of 20 thousand triangles each

@@ -1,4 +1,5 @@
-//! Cost of crowds: of characters and fields, which are posed on the GPU in each frame, of particles, and of lamps, which hits sample.
+//! Cost of crowds: of characters and fields, which are posed on the GPU in each frame, of particles and decals, and of lamps,
+//! which hits sample.
 
 use crate::{
     table::{Csv, number, quantile},
@@ -7,13 +8,18 @@ use crate::{
 use bevy::{
     asset::RenderAssetUsages,
     diagnostic::{DiagnosticPath, DiagnosticsStore},
+    light::ClusteredDecal,
+    material::OpaqueRendererMethod,
     math::UVec2,
     mesh::{
         VertexAttributeValues,
         skinning::{SkinnedMesh, SkinnedMeshInverseBindposes},
     },
     prelude::*,
-    render::diagnostic::RenderDiagnosticsPlugin,
+    render::{
+        diagnostic::RenderDiagnosticsPlugin,
+        render_resource::{Extent3d, TextureDimension, TextureFormat},
+    },
 };
 use bevy_glint::{
     RayTracedReflections, RayTracedReflectionsPlugin, ReflectedParticle, ReflectedParticles, ReflectedPose,
@@ -30,6 +36,7 @@ const AROUND: u32 = 100;
 const ALONG: u32 = 100;
 const JOINTS: usize = 8;
 const PARTICLES: u16 = 10_000;
+const DECALS: u16 = 1_000;
 const FRAME_LIMIT: u32 = 20_000;
 /// Warm-up frames.
 const WARM_UP_FRAMES: u32 = 10;
@@ -115,6 +122,20 @@ pub fn measure(tracers: &[ReflectionTracerChoice], crowds: &Crowds, csv: &mut Cs
                 measured.print(name, word, csv);
             }
         }
+        if wants("decals") {
+            let mut setup = Setup::new(tracer, crowds.size)?;
+            setup.spawn_street();
+            setup.app.world().spawn(DirectionalLight::default());
+            for (name, count, moves) in [
+                ("no decals", 0, false),
+                ("1,000 decals", DECALS, false),
+                ("1,000 decals, one of which moves", 0, true),
+            ] {
+                setup.spawn_decals(count);
+                let measured = setup.measure(crowds.frames, moves)?;
+                measured.print(name, word, csv);
+            }
+        }
         if wants("lamps") {
             // The characters would be lit.
             let mut setup = Setup::new(tracer, crowds.size)?;
@@ -181,6 +202,7 @@ struct Setup {
     characters: Vec<Entity>,
     joints: Vec<Entity>,
     particles: Option<Entity>,
+    decals: Vec<Entity>,
     frame: u32,
 }
 
@@ -208,6 +230,7 @@ impl Setup {
             characters: Vec::new(),
             joints: Vec::new(),
             particles: None,
+            decals: Vec::new(),
             frame: 0,
         })
     }
@@ -350,6 +373,41 @@ impl Setup {
         }
     }
 
+    /// Spawns this number of decals on the walls along the street.
+    fn spawn_decals(&mut self, count: u16) {
+        let world = self.app.world();
+        let paint = Image::new_fill(
+            Extent3d {
+                width: 4,
+                height: 4,
+                ..default()
+            },
+            TextureDimension::D2,
+            &[200, 60, 30, 128],
+            TextureFormat::Rgba8UnormSrgb,
+            RenderAssetUsages::default(),
+        );
+        let paint = world.resource_mut::<Assets<Image>>().add(paint);
+        // Bevy's G-buffer has no decals. The ground is deferred, and reflects.
+        for (_, mut material) in world.resource_mut::<Assets<StandardMaterial>>().iter_mut() {
+            if material.perceptual_roughness > 0.5 {
+                material.opaque_render_method = OpaqueRendererMethod::Forward;
+            }
+        }
+        for index in 0..count {
+            let part = (f32::from(index) + 0.5) / f32::from(count);
+            let side = if index.is_multiple_of(2) { -1.0 } else { 1.0 };
+            let at = Vec3::new(side * 4.4, 0.3 + 6.0 * (part * 617.0).fract(), -75.0 * part);
+            let place = Transform::from_translation(at).looking_to(side * Vec3::X, Vec3::Y);
+            let decal = ClusteredDecal {
+                base_color_texture: Some(paint.clone()),
+                ..default()
+            };
+            let decal = world.spawn((decal, place.with_scale(Vec3::splat(0.8)))).id();
+            self.decals.push(decal);
+        }
+    }
+
     /// Spawns this number of lamps along the street. They share its light.
     fn spawn_lamps(&mut self, count: usize) -> Vec<Entity> {
         let spawn = |index: usize| {
@@ -369,7 +427,8 @@ impl Setup {
         (0..count).map(spawn).collect()
     }
 
-    /// Turns the camera a little to one side and back, since a static view does other work, and moves particles and the joints of walkers.
+    /// Turns the camera a little to one side and back, since a static view does other work, and moves particles, a decal and the joints of
+    /// walkers.
     fn shift(&mut self, walks: bool) {
         self.frame += 1;
         let turn = if self.frame.is_multiple_of(2) { 1e-4 } else { -1e-4 };
@@ -387,6 +446,9 @@ impl Setup {
             for (index, shown) in (0..PARTICLES).zip(&mut all.particles) {
                 *shown = particle(index, self.frame);
             }
+        }
+        if let Some(mut transform) = self.decals.first().and_then(|decal| world.get_mut::<Transform>(*decal)) {
+            transform.translation.y = 2.0 + (0.05 * self.frame as f32).sin();
         }
         for (index, joint) in self.joints.iter().enumerate() {
             if let Some(mut transform) = world.get_mut::<Transform>(*joint) {

@@ -27,7 +27,7 @@ const GLASS: Vary = Vary::Not("rows of the suite have glass: Bevy's image needs 
 const UNSUPPORTED: Vary = Vary::Not("the manual says that rays don't see the effect");
 
 /// All fields that reflection knows, and the one that it doesn't.
-pub static FIELDS: [(&str, Vary); 75] = [
+pub static FIELDS: [(&str, Vary); 76] = [
     ("base_color", Vary::By(|m, r, _| m.base_color = color(r, 1.0, 1.0))),
     (
         "base_color_channel",
@@ -199,6 +199,7 @@ pub static FIELDS: [(&str, Vary); 75] = [
     ("object: layers", Vary::By(|_, _, _| ())),
     ("object: casts no shadow", Vary::By(|_, _, _| ())),
     ("object: receives no shadow", Vary::By(|_, _, _| ())),
+    ("decal", Vary::By(|_, _, _| ())),
 ];
 
 pub fn color(random: &mut Random, most: f32, alpha: f32) -> Color {

@@ -1,9 +1,12 @@
 //! Meshes, places and components of the objects in random scenes.
 
-use super::{Object, Recipe, fields::color};
+use super::{
+    Object, Recipe,
+    fields::{Images, color},
+};
 use bevy::{
     camera::visibility::RenderLayers,
-    light::{NotShadowCaster, NotShadowReceiver},
+    light::{ClusteredDecal, NotShadowCaster, NotShadowReceiver},
     mesh::{
         MeshCompressionArgs, VertexAttributeValues,
         morph::{MeshMorphWeights, MorphAttributes},
@@ -128,6 +131,33 @@ impl Recipe {
                 _ => (),
             }
         }
+    }
+
+    /// A decal on the objects, with any of its images. Bevy composites several in any order.
+    pub fn decal(&self, images: &Images) -> Option<(ClusteredDecal, Transform)> {
+        let mut random = Random::new(self.varies("decal")?);
+        // Decals don't stop rays.
+        let is_see_through = |object| {
+            matches!(
+                self.material(object, images).alpha_mode,
+                AlphaMode::Blend | AlphaMode::Premultiplied
+            )
+        };
+        if self.objects.iter().any(is_see_through) {
+            return None;
+        }
+        let mut chosen = |image: &Handle<Image>| random.chance(0.6).then(|| image.clone());
+        let decal = ClusteredDecal {
+            base_color_texture: chosen(&images.colors),
+            normal_map_texture: chosen(&images.normals),
+            metallic_roughness_texture: chosen(&images.numbers),
+            emissive_texture: chosen(&images.light),
+            tag: 0,
+        };
+        let [x, y, z] = [(); 3].map(|()| random.range(-PI, PI));
+        let turned = Transform::from_rotation(Quat::from_euler(EulerRot::XYZ, x, y, z));
+        let size = Vec3::from_array([(); 3].map(|()| random.range(0.4, 1.6)));
+        Some((decal, turned.with_scale(size)))
     }
 
     /// Two joints at the place of the object. The upper half follows the second one.
