@@ -250,8 +250,8 @@ impl Group0 {
         Self {
             has_gbuffer,
             bindings,
-            layouts: [entries, with_screen]
-                .map(|entries| BindGroupLayoutDescriptor::new(format!("{label}_layout"), &entries)),
+            layouts: [("layout", entries), ("layout_with_screen", with_screen)]
+                .map(|(name, entries)| BindGroupLayoutDescriptor::new(format!("{label}_{name}"), &entries)),
         }
     }
 
@@ -301,7 +301,10 @@ impl Group0 {
         contents: Contents,
     ) -> Option<BindGroup> {
         let entries = self.entries(context, contents)?;
-        let layout = context.cache.get_bind_group_layout(self.layout(contents.has_screen));
-        Some(device.create_bind_group(label, &layout, &entries))
+        let layout = self.layout(contents.has_screen);
+        Some(context.textures.groups.get(&layout.label, &entries, || {
+            let layout = context.cache.get_bind_group_layout(layout);
+            device.create_bind_group(label, &layout, &entries)
+        }))
     }
 }

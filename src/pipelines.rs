@@ -315,8 +315,10 @@ impl Pipelines {
         let device = ctx.render_device();
         let group_0 = self.bind_group_0(device, context, &variant, given)?;
         let empty = (variant.groups() == Groups::Environment).then(|| {
-            let layout = context.cache.get_bind_group_layout(&empty_layout());
-            device.create_bind_group("glint_empty", &layout, &[])
+            context.textures.groups.get("glint_empty", &[], || {
+                let layout = context.cache.get_bind_group_layout(&empty_layout());
+                device.create_bind_group("glint_empty", &layout, &[])
+            })
         });
         let mut pass = ctx.command_encoder().begin_compute_pass(&ComputePassDescriptor {
             label: Some(variant.pass.label),

@@ -3,12 +3,14 @@
 //! | file | contents |
 //! |---|---|
 //! | `textures.rs` | textures, uniform, and state from frame to frame |
+//! | `kept_groups.rs` | bind groups of the view's passes |
 //! | `uniform` | settings and state for the shaders |
 //! | `prepare.rs` | creation and updates of all of this |
 //! | `static_view.rs` | views in which nothing changes |
 //! | `culling.rs` | views without reflective surfaces |
 
 mod culling;
+mod kept_groups;
 mod prepare;
 mod static_view;
 mod textures;

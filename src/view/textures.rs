@@ -1,6 +1,7 @@
 //! Textures and uniform of one reflecting view, and its state from frame to frame.
 
 use super::{
+    kept_groups::KeptGroups,
     static_view::{MOST_FRAMES, StaticView, ViewFingerprint},
     uniform::{Frame, FrameState, GpuReflectionView, PreviousFrame},
 };
@@ -21,6 +22,8 @@ pub struct ReflectionTextures {
     pub(crate) origin: UVec2,
     pub(crate) targets: Targets,
     pub(crate) uniform: UniformBuffer<GpuReflectionView>,
+    /// Bind groups of the view's passes.
+    pub(crate) groups: KeptGroups,
     /// The index in ping-pong pairs that this frame writes.
     pub(crate) write_index: usize,
     accumulated: u32,
@@ -50,6 +53,7 @@ impl ReflectionTextures {
             origin: UVec2::ZERO,
             targets: Targets::new(device, sizes, capacity, needs),
             uniform: UniformBuffer::default(),
+            groups: KeptGroups::default(),
             write_index: 0,
             accumulated: 0,
             sample_index: old.map_or(0, |old| old.sample_index),
@@ -144,5 +148,6 @@ impl ReflectionTextures {
         };
         self.sample_index = self.sample_index.wrapping_add(1);
         self.write_index ^= 1;
+        self.groups.drop_unused();
     }
 }
