@@ -31,6 +31,8 @@ const SETTLING_FRAMES: u64 = 3;
 /// ... and one that left the static tree, doubled with each further time up to a maximum.
 const RETURN_FRAMES: u64 = 15;
 const MOST_DOUBLINGS: u8 = 8;
+/// Maximum number of returns that an object inherits from the last one in its slot. One that blinks is the same object each time.
+const KEPT_RETURNS: u8 = 2;
 /// Minimum pause between two builds, in multiples of the frames that the last one took, so that the build thread has time for other work.
 /// A fixed minimum is added.
 const PAUSE: u64 = 4;
@@ -162,6 +164,9 @@ impl TopLevel {
             Site::Absent => {}
             Site::Moving(index) => self.remove_mover(index),
             Site::Static(_) => self.leave(slot),
+        }
+        if let Some(place) = self.places.get_mut(slot as usize) {
+            place.returns = place.returns.min(KEPT_RETURNS);
         }
     }
 
@@ -384,5 +389,23 @@ impl TopLevel {
             meshes.bvh.free(slice);
         }
         *self = Self::default();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_object_does_not_wait_for_the_last_one_in_its_slot() {
+        let mut top_level = TopLevel::default();
+        let place = |returns| Place {
+            returns,
+            ..Place::default()
+        };
+        top_level.places = vec![place(MOST_DOUBLINGS), place(1)];
+        (0..3).for_each(|slot| top_level.remove(slot));
+        let waits: Vec<u64> = top_level.places.iter().map(Place::settling_frames).collect();
+        assert_eq!(waits, [RETURN_FRAMES << KEPT_RETURNS, RETURN_FRAMES << 1]);
     }
 }
