@@ -63,6 +63,8 @@ bitflags! {
         const LIT_PARTICLES = 1 << 25;
         /// There are clustered decals, and materials that show them.
         const DECALS = 1 << 26;
+        /// Some forward material has a specular tint in a colour.
+        const SPECULAR_TINT = 1 << 27;
     }
 }
 
@@ -115,7 +117,7 @@ const fn row(feature: Features, definition: &'static str, passes: Passes) -> Row
 }
 
 /// All features. The definitions of the first two depend on the tracer (`SceneBindings::definitions`).
-const TABLE: [Row; 27] = {
+const TABLE: [Row; 28] = {
     use Features as F;
     use Passes as P;
     [
@@ -154,6 +156,7 @@ const TABLE: [Row; 27] = {
         row(F::PARTICLES, "PARTICLES", P::ALL_TRACING.union(P::SHADING)),
         row(F::LIT_PARTICLES, "LIT_PARTICLES", P::ALL_TRACING),
         row(F::DECALS, "DECALS", P::ALL_SHADING.union(P::FRONT_LAYER)),
+        row(F::SPECULAR_TINT, "SPECULAR_TINT", P::ALL_SHADING),
     ]
 };
 

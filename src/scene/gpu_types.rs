@@ -160,7 +160,8 @@ pub struct GpuMaterial {
     pub diffuse_share: f32,
     /// Factor of light from lightmaps.
     pub lightmap_exposure: f32,
-    /// Clearcoat as in the G-buffer: strength in fifteenths in the low 4 bits, perceptual roughness in thirtieths above.
+    /// Clearcoat as in the G-buffer: strength in fifteenths in the low 4 bits, perceptual roughness in thirtieths in the next 4. The upper
+    /// 24 bits are the hue of the specular tint that Bevy's forward pass shows: 255 minus red, green and blue, the largest of which is 255.
     pub clearcoat: u32,
     /// Metres between the points where light enters and leaves, for refraction and diffuse transmission; otherwise 0.
     pub thickness: f32,

@@ -246,6 +246,8 @@ pub struct MaterialTable {
     coated: usize,
     /// Number of materials with diffuse transmission.
     translucent: usize,
+    /// Number of materials with a specular tint in a colour.
+    tinted: usize,
     /// Number of materials that show decals.
     decorated: usize,
     /// Number of packed materials so far, for tests.
@@ -254,7 +256,11 @@ pub struct MaterialTable {
 }
 
 fn is_coated(material: &GpuMaterial) -> bool {
-    material.clearcoat != 0
+    material.clearcoat & 15 != 0
+}
+
+fn is_tinted(material: &GpuMaterial) -> bool {
+    material.clearcoat >> 8 != 0
 }
 
 fn shows_decals(material: &GpuMaterial) -> bool {
@@ -279,6 +285,7 @@ impl Default for MaterialTable {
             restless: HashMap::default(),
             coated: 0,
             translucent: 0,
+            tinted: 0,
             decorated: 0,
             #[cfg(test)]
             packs: 0,
@@ -332,6 +339,11 @@ impl MaterialTable {
         self.translucent > 0
     }
 
+    /// Returns whether any material has a specular tint in a colour, which shaders are compiled for.
+    pub(crate) fn has_specular_tint(&self) -> bool {
+        self.tinted > 0
+    }
+
     /// Returns whether any material shows decals, which shaders are compiled for.
     pub(crate) fn shows_decals(&self) -> bool {
         self.decorated > 0
@@ -363,6 +375,8 @@ impl MaterialTable {
         self.coated -= usize::from(is_coated(&before));
         self.translucent += usize::from(material.emissive[3] > 0.0);
         self.translucent -= usize::from(before.emissive[3] > 0.0);
+        self.tinted += usize::from(is_tinted(&material));
+        self.tinted -= usize::from(is_tinted(&before));
         self.decorated += usize::from(shows_decals(&material));
         self.decorated -= usize::from(shows_decals(&before));
         *data = material;

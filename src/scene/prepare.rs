@@ -246,6 +246,7 @@ impl Scene<'_, '_> {
                 Features::DIFFUSE_TRANSMISSION,
                 self.materials.has_diffuse_transmission(),
             ),
+            (Features::SPECULAR_TINT, self.materials.has_specular_tint()),
             (Features::RENDER_LAYERS, self.layers.differ()),
             (Features::RECT_LIGHTS, self.lights.has_rects()),
             (

@@ -56,7 +56,7 @@ const SCENE_PASSES: [(&str, &[&str]); 14] = [
 ];
 
 /// All others, and passes for scenes with rare features.
-const PASSES: [(&str, &[&str]); 102] = [
+const PASSES: [(&str, &[&str]); 103] = [
     (
         "front_layer/find",
         &["FRONT_LAYER", "FORWARD_SURFACES", "ALPHA_MASKED_GEOMETRY"],
@@ -147,6 +147,7 @@ const PASSES: [(&str, &[&str]); 102] = [
     ("trace/blocks", &["PARTICLES", "MIRRORS"]),
     ("trace/blocks", &["PARTICLES", "LIT_PARTICLES"]),
     ("trace/shade", &["DECALS"]),
+    ("trace/shade", &["SPECULAR_TINT"]),
     ("composite/screen", &[]),
     ("rate/classify", &[]),
     ("rate/classify", &["ROUGHNESS"]),

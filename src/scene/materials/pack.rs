@@ -140,7 +140,7 @@ pub fn pack_material(material: &StandardMaterial) -> GpuMaterial {
         }),
         diffuse_share: (1.0 - diffuse_transmission(material)) * stopped_share(material),
         lightmap_exposure: color(material.lightmap_exposure),
-        clearcoat: packed_clearcoat(material),
+        clearcoat: packed_clearcoat(material) | packed_tint(material),
         thickness: light_thickness(material),
         ior: index_of_refraction(material),
         optical_depth: {
@@ -212,6 +212,18 @@ pub(super) fn packed_clearcoat(material: &StandardMaterial) -> u32 {
     let strength = (unit_or(material.clearcoat, 0.0) * 15.0).round() as u32;
     let roughness = (finite_or(material.clearcoat_perceptual_roughness, 0.5).clamp(0.0, 0.5) * 30.0).round() as u32;
     if strength == 0 { 0 } else { strength | (roughness << 4) }
+}
+
+/// The hue of a material's specular tint, above the clearcoat; 0 without one. Bevy's G-buffer only has the tint's luminance.
+fn packed_tint(material: &StandardMaterial) -> u32 {
+    let tint = LinearRgba::from(material.specular_tint);
+    let parts = [tint.red, tint.green, tint.blue].map(|part| unit_or(part, 1.0));
+    let most = parts.into_iter().fold(0.0, f32::max);
+    if material.unlit || most == 0.0 || !is_drawn_forward(material) {
+        return 0;
+    }
+    let [red, green, blue] = parts.map(|part| 255 - (part / most * 255.0).round() as u32);
+    (red << 8) | (green << 16) | (blue << 24)
 }
 
 /// The `MATERIAL_` flags that depend on the formats of a material's textures, by Bevy's rules.

@@ -4,7 +4,7 @@ use super::{pack::packed_clearcoat, *};
 use crate::scene::test_gpu;
 use bevy::{
     asset::{Handle, uuid::Uuid},
-    color::{Alpha, Color},
+    color::{Alpha, Color, LinearRgba},
     material::OpaqueRendererMethod,
     prelude::AlphaMode,
 };
@@ -135,6 +135,45 @@ fn a_table_knows_whether_any_material_has_a_clearcoat() {
     assert!(table.has_clearcoat());
     table.write(index, pack_material(&StandardMaterial::default()));
     assert!(!table.has_clearcoat());
+}
+
+#[test]
+fn forward_materials_keep_the_hue_of_their_specular_tint() {
+    let packed = |tint: LinearRgba, method| {
+        let material = StandardMaterial {
+            specular_tint: tint.into(),
+            opaque_render_method: method,
+            clearcoat: 1.0,
+            ..Default::default()
+        };
+        (pack_material(&material).clearcoat >> 8).to_le_bytes()
+    };
+    let tint = LinearRgba::rgb(0.1, 0.4, 0.2);
+    assert_eq!(packed(tint, OpaqueRendererMethod::Forward), [191, 0, 127, 0]);
+    assert_eq!(
+        packed(tint, OpaqueRendererMethod::Deferred),
+        [0; 4],
+        "the G-buffer has none"
+    );
+    for grey in [0.0, 0.3, 1.0, f32::NAN] {
+        assert_eq!(
+            packed(LinearRgba::rgb(grey, grey, grey), OpaqueRendererMethod::Forward),
+            [0; 4],
+            "{grey}"
+        );
+    }
+    let mut table = MaterialTable::default();
+    let index = table.index(AssetId::<StandardMaterial>::default().untyped());
+    assert!(!table.has_specular_tint());
+    let tinted = StandardMaterial {
+        specular_tint: tint.into(),
+        opaque_render_method: OpaqueRendererMethod::Forward,
+        ..Default::default()
+    };
+    table.write(index, pack_material(&tinted));
+    assert!(table.has_specular_tint() && !table.has_clearcoat());
+    table.write(index, pack_material(&StandardMaterial::default()));
+    assert!(!table.has_specular_tint());
 }
 
 #[test]

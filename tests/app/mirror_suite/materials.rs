@@ -12,7 +12,7 @@ use bevy::{
 };
 use bevy_glint::ReflectionTechnique;
 
-pub(super) const ROWS: [Row; 10] = [
+pub(super) const ROWS: [Row; 12] = [
     ("a transform of both UV sets", |stage| {
         stage.spawn_with_second_uvs(AlphaMode::Opaque);
     }),
@@ -22,6 +22,13 @@ pub(super) const ROWS: [Row; 10] = [
             stage.spawn_with_second_uvs(AlphaMode::Mask(0.5));
         },
     ),
+    ("specular tint of forward materials", |stage| {
+        stage.light_and_spawn(tinted());
+    }),
+    ("specular tint of forward materials, on paths of two bounces", |stage| {
+        stage.bounces = 2;
+        stage.light_and_spawn(tinted());
+    }),
     ("exposed emission of forward materials", |stage| {
         stage.spawn(StandardMaterial {
             emissive: LinearRgba::rgb(600.0, 300.0, 60.0),
@@ -90,6 +97,17 @@ fn dim(opaque_render_method: OpaqueRendererMethod) -> StandardMaterial {
     StandardMaterial {
         base_color: Color::linear_rgb(0.25, 0.25, 0.25),
         opaque_render_method,
+        ..blue()
+    }
+}
+
+fn tinted() -> StandardMaterial {
+    StandardMaterial {
+        base_color: Color::BLACK,
+        reflectance: 1.0,
+        specular_tint: Color::linear_rgb(0.2, 1.0, 0.4),
+        perceptual_roughness: 0.6,
+        opaque_render_method: OpaqueRendererMethod::Forward,
         ..blue()
     }
 }
