@@ -99,12 +99,8 @@ pub fn pack_material(material: &StandardMaterial) -> GpuMaterial {
     }
 
     let color = |value: f32| finite_or(value, 0.0).max(0.0);
-    let transform = material.uv_transform;
-    let transform = if transform.is_finite() {
-        transform
-    } else {
-        Default::default()
-    };
+    let transform = Some(material.uv_transform).filter(|transform| transform.is_finite());
+    let transform = transform.unwrap_or_default();
     GpuMaterial {
         base_color: [
             color(base_color.red),
