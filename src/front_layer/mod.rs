@@ -39,7 +39,7 @@ use bevy::{
         core_3d::{main_opaque_pass_3d, main_transparent_pass_3d},
         schedule::{Core3d, Core3dSystems},
     },
-    ecs::schedule::IntoScheduleConfigs,
+    ecs::{schedule::IntoScheduleConfigs, system::Query},
     pbr::main_transmissive_pass_3d,
     render::{ExtractSchedule, Render, RenderApp, RenderSystems},
     shader::load_shader_library,
@@ -86,6 +86,7 @@ impl Plugin for FrontLayerPlugin {
                     prepare_front_layers
                         .after(PreparedViews)
                         .in_set(ReflectionSystems::PrepareViews),
+                    drop_unused_groups.in_set(RenderSystems::Cleanup),
                 ),
             )
             .add_systems(
@@ -110,4 +111,8 @@ impl Plugin for FrontLayerPlugin {
                 ),
             );
     }
+}
+
+fn drop_unused_groups(layers: Query<&FrontLayer>) {
+    layers.iter().for_each(|layer| layer.textures.groups.drop_unused());
 }

@@ -76,7 +76,8 @@ pub struct BoxTable {
     tree: Tree,
     slice: Option<ArenaSlice>,
     records: usize,
-    lacks_room: bool,
+    /// Bytes in use when the geometry buffer had no room.
+    full_at: Option<u64>,
 }
 
 impl BoxTable {
@@ -103,7 +104,9 @@ impl BoxTable {
     /// Returns whether the table must be written even if it has the same records: it is where the geometry buffer can't stay, or lacked
     /// memory that could be there now.
     pub fn must_move(&self, meshes: &SceneMeshes) -> bool {
-        self.is_stranded(meshes) || (self.lacks_room && meshes.geometry.may_ask_again())
+        let geometry = &meshes.geometry;
+        let has_room = |used| geometry.may_ask_again() || geometry.used_bytes() < used;
+        self.is_stranded(meshes) || self.full_at.is_some_and(has_room)
     }
 
     fn is_stranded(&self, meshes: &SceneMeshes) -> bool {
@@ -137,12 +140,13 @@ impl BoxTable {
                 .filter(|words| *words > 0 && !in_order.is_empty())
                 .find_map(|words| meshes.geometry.allocate(words));
         }
-        self.lacks_room = self.slice.is_none() && !in_order.is_empty();
+        let lacks_room = self.slice.is_none() && !in_order.is_empty();
+        self.full_at = lacks_room.then(|| meshes.geometry.used_bytes());
         if let Some(slice) = &self.slice {
             meshes.geometry.write(queue, slice, nodes);
             meshes.geometry.write_from(queue, slice, nodes.len(), contents);
         }
-        !self.lacks_room
+        !lacks_room
     }
 }
 
@@ -213,7 +217,8 @@ fn divide(mut order: &mut [u32], mut leaves: usize, boxes: &[Box6]) {
         }
         let axis = (0.5 * high - 0.5 * low).max_position();
         let place = |index: &u32| boxes[*index as usize].middle(axis);
-        order.select_nth_unstable_by(leaves, |a, b| place(a).total_cmp(&place(b)));
+        // Boxes in the same place keep their order.
+        order.select_nth_unstable_by(leaves, |a, b| place(a).total_cmp(&place(b)).then(a.cmp(b)));
         let (first, second) = order.split_at_mut(leaves);
         divide(first, leaves, boxes);
         order = second;

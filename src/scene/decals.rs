@@ -51,8 +51,12 @@ pub(super) struct DecalTable {
     /// In the order of the main world.
     given: Vec<GpuDecal>,
     table: BoxTable,
-    /// Version of the extracted decals in the table.
-    version: Option<u64>,
+    /// Version of the extracted decals in the table, and whether some material showed them.
+    version: Option<(u64, bool)>,
+    /// Number of decals in the scene.
+    count: usize,
+    /// Used places in the table of textures when an image found none.
+    full_at: Option<u64>,
     /// Images that the decals use.
     images: HashSet<AssetId<Image>>,
     /// Number of frames in which no material showed them.
@@ -62,7 +66,7 @@ pub(super) struct DecalTable {
 impl DecalTable {
     /// Returns whether shaders need the feature. `on_materials` if some material shows decals.
     pub fn are_shown(&mut self, on_materials: bool) -> bool {
-        let exist = !self.given.is_empty();
+        let exist = self.count > 0 && self.drawn == Some(true);
         self.unseen = if exist && !on_materials {
             self.unseen.saturating_add(1)
         } else {
@@ -71,7 +75,7 @@ impl DecalTable {
         // Materials can be loaded later than decals.
         if self.unseen > PATIENCE {
             warn_once!(
-                "no material shows the clustered decals, since Bevy draws them only in its forward pass: set `OpaqueRendererMethod::Forward` \
+                "no reflected material shows the clustered decals, since Bevy draws them only in its forward pass: set `OpaqueRendererMethod::Forward` \
                  on materials that should show decals, and `RayTracedReflections::forward` on cameras where these should reflect"
             );
         }
@@ -95,13 +99,14 @@ impl DecalTable {
     /// Updates the table to the extracted decals. `resettled` are images that were loaded or have new content. Returns the change for rays.
     pub fn follow(
         &mut self,
-        extracted: &ExtractedDecals,
+        (extracted, on_materials): (&ExtractedDecals, bool),
         lighting: Option<&DeferredLightingLayout>,
         resettled: &HashSet<AssetId<Image>>,
         textures: &mut TextureTable,
         meshes: &mut SceneMeshes,
         queue: &RenderQueue,
     ) -> Change {
+        self.count = extracted.decals.len();
         if extracted.decals.is_empty() && self.given.is_empty() {
             return Change::Nothing;
         }
@@ -111,13 +116,17 @@ impl DecalTable {
         }
         let is_repainted = self.images.iter().any(|image| resettled.contains(image));
         let must_move = self.table.must_move(meshes);
-        if self.version == Some(extracted.version) && !is_repainted && !must_move {
+        let has_room = self.full_at.is_some_and(|used| textures.used() < used);
+        let version = Some((extracted.version, on_materials));
+        if self.version == version && !is_repainted && !must_move && !has_room {
             return Change::Nothing;
         }
-        self.version = Some(extracted.version);
-        let shown = &extracted.decals[..extracted.decals.len().min(MAX_DECALS)];
-        if shown.len() < extracted.decals.len() {
-            warn_once!("reflections show {MAX_DECALS} of {} decals", extracted.decals.len());
+        self.version = version;
+        // What no material shows must keep no view from coming to rest.
+        let decals = if on_materials { &extracted.decals[..] } else { &[] };
+        let shown = &decals[..decals.len().min(MAX_DECALS)];
+        if shown.len() < decals.len() {
+            warn_once!("reflections show {MAX_DECALS} of {} decals", decals.len());
         }
         self.use_images(shown, textures);
         let word = |image: Option<AssetId<Image>>| image.and_then(|image| textures.packed(image)).unwrap_or(NO_TEXTURE);
@@ -131,12 +140,14 @@ impl DecalTable {
         if packed == self.given && !is_repainted && !must_move {
             return Change::Nothing;
         }
+        let last = self.place();
         let boxes = shown.iter().map(|decal| decal.bounds);
         if !self.table.write(&packed, boxes, meshes, queue) {
             warn_once!("reflections show no decals, since the device lacks memory for them");
         }
         self.given = packed;
-        Change::Unmarked
+        let is_absent = last == TablePlace::default() && self.place() == last;
+        if is_absent { Change::Nothing } else { Change::Unmarked }
     }
 
     /// Adds new images to the table of textures, and gives back those that no decal uses any more.
@@ -144,10 +155,12 @@ impl DecalTable {
         let wanted: HashSet<_> = decals.iter().flat_map(|decal| decal.images).flatten().collect();
         let before = core::mem::take(&mut self.images);
         // New images come first, so that unchanged ones keep their index.
+        let count = wanted.len();
         self.images = wanted
             .into_iter()
             .filter(|image| before.contains(image) || textures.acquire(*image))
             .collect();
+        self.full_at = (self.images.len() < count).then(|| textures.used());
         for image in before.difference(&self.images) {
             textures.release(*image);
         }

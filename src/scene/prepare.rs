@@ -277,7 +277,15 @@ impl Scene<'_, '_> {
             .update(&self.particles, assets, materials, meshes, queue);
         let (lighting, textures) = (self.lighting.as_deref(), &mut *self.textures);
         let decals = &mut bindings.decals;
-        let pasted = decals.follow(&self.decals, lighting, resettled, textures, meshes, queue);
+        let on_materials = materials.shows_decals();
+        let pasted = decals.follow(
+            (&self.decals, on_materials),
+            lighting,
+            resettled,
+            textures,
+            meshes,
+            queue,
+        );
         bindings.version.note(flown.max(pasted));
     }
 

@@ -31,7 +31,7 @@ const SETTLING_FRAMES: u64 = 3;
 /// ... and one that left the static tree, doubled with each further time up to a maximum.
 const RETURN_FRAMES: u64 = 15;
 const MOST_DOUBLINGS: u8 = 8;
-/// Maximum number of returns that an object inherits from the last one in its slot. One that blinks is the same object each time.
+/// Maximum number of returns that an object inherits from the last one in its slot.
 const KEPT_RETURNS: u8 = 2;
 /// Minimum pause between two builds, in multiples of the frames that the last one took, so that the build thread has time for other work.
 /// A fixed minimum is added.
@@ -397,7 +397,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn an_object_does_not_wait_for_the_last_one_in_its_slot() {
+    fn a_new_object_inherits_few_returns_of_the_last_one_in_its_slot() {
         let mut top_level = TopLevel::default();
         let place = |returns| Place {
             returns,

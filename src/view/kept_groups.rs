@@ -3,9 +3,9 @@
 use bevy::render::render_resource::{BindGroup, BindGroupEntry, BindingResource, WgpuTextureView};
 use std::sync::{Mutex, PoisonError};
 
-/// Number of the view's frames after which an unused group is dropped, with the resources in it. A group with a history is used in every
-/// other frame.
-const MOST_IDLE: u8 = 4;
+/// Number of frames after which an unused group is dropped, with the resources in it: as long as Bevy keeps its own textures. A group with a
+/// history is used in every other frame.
+const MOST_IDLE: u8 = 3;
 
 /// A bound resource.
 #[derive(PartialEq)]
@@ -89,9 +89,9 @@ impl KeptGroups {
         group
     }
 
-    /// Drops the groups that weren't used for some frames. Call once in each frame of the view.
-    pub fn drop_unused(&mut self) {
-        let kept = self.0.get_mut().unwrap_or_else(PoisonError::into_inner);
+    /// Drops the groups that weren't used for some frames. Call once in each frame, even if the view isn't rendered.
+    pub fn drop_unused(&self) {
+        let mut kept = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         kept.retain_mut(|kept| {
             kept.idle += 1;
             kept.idle <= MOST_IDLE
@@ -110,16 +110,17 @@ mod tests {
     use crate::scene::test_gpu;
     use bevy::render::{
         render_resource::{
-            BindGroupLayout, Buffer, BufferDescriptor, BufferUsages, ShaderStages, binding_types::uniform_buffer_sized,
+            BindGroupLayout, Buffer, BufferBinding, BufferDescriptor, BufferUsages, ShaderStages,
+            binding_types::uniform_buffer_sized,
         },
         renderer::RenderDevice,
     };
-    use core::cell::Cell;
+    use core::{cell::Cell, num::NonZeroU64};
 
     fn buffer(device: &RenderDevice) -> Buffer {
         device.create_buffer(&BufferDescriptor {
             label: None,
-            size: 256,
+            size: 512,
             usage: BufferUsages::UNIFORM,
             mapped_at_creation: false,
         })
@@ -136,11 +137,15 @@ mod tests {
             return;
         };
         let (layout, created) = (layout(&device), Cell::new(0));
-        let mut groups = KeptGroups::default();
-        let get = |groups: &KeptGroups, name: &str, buffer: &Buffer| {
+        let groups = KeptGroups::default();
+        let get_part = |groups: &KeptGroups, name: &str, buffer: &Buffer, offset: u64| {
             let entries = [BindGroupEntry {
                 binding: 0,
-                resource: buffer.as_entire_binding(),
+                resource: BindingResource::Buffer(BufferBinding {
+                    buffer,
+                    offset,
+                    size: NonZeroU64::new(256),
+                }),
             }];
             let create = || {
                 created.set(created.get() + 1);
@@ -148,18 +153,20 @@ mod tests {
             };
             groups.get(name, &entries, create).id()
         };
+        let get = |groups: &KeptGroups, name: &str, buffer: &Buffer| get_part(groups, name, buffer, 0);
         let [first, second] = [buffer(&device), buffer(&device)];
         let id = get(&groups, "a", &first);
         assert_ne!(id, get(&groups, "a", &second));
         assert_ne!(id, get(&groups, "b", &first));
-        assert_eq!(created.get(), 3);
+        assert_ne!(id, get_part(&groups, "a", &first, 256));
+        assert_eq!(created.get(), 4);
         for _ in 0..2 * MOST_IDLE {
             assert_eq!(get(&groups, "a", &first), id, "it is the same group");
             groups.drop_unused();
         }
-        assert_eq!((created.get(), groups.len()), (3, 1), "the others are gone");
+        assert_eq!((created.get(), groups.len()), (4, 1), "the others are gone");
         get(&groups, "a", &second);
-        assert_eq!(created.get(), 4);
+        assert_eq!(created.get(), 5);
         (0..=MOST_IDLE).for_each(|_| groups.drop_unused());
         assert_eq!(groups.len(), 0);
     }

@@ -26,7 +26,10 @@ pub(crate) use uniform::Frame;
 use crate::{device::tracing_app, schedule::ReflectionSystems};
 use bevy::{
     app::{App, Plugin},
-    ecs::schedule::{IntoScheduleConfigs, SystemSet},
+    ecs::{
+        schedule::{IntoScheduleConfigs, SystemSet},
+        system::Query,
+    },
     render::{Render, RenderApp, RenderSystems},
     shader::load_shader_library,
 };
@@ -54,8 +57,12 @@ impl Plugin for ViewPlugin {
                 prepare_views
                     .in_set(ReflectionSystems::PrepareViews)
                     .in_set(PreparedViews),
-                publish_memory.in_set(RenderSystems::Cleanup),
+                (publish_memory, drop_unused_groups).in_set(RenderSystems::Cleanup),
             ),
         );
     }
+}
+
+fn drop_unused_groups(views: Query<&ReflectionTextures>) {
+    views.iter().for_each(|textures| textures.groups.drop_unused());
 }

@@ -148,6 +148,5 @@ impl ReflectionTextures {
         };
         self.sample_index = self.sample_index.wrapping_add(1);
         self.write_index ^= 1;
-        self.groups.drop_unused();
     }
 }

@@ -1,6 +1,9 @@
 //! Copies decals from the main world, when some have changed.
 
-use crate::scene::{activity::SceneActivity, box_tree::Box6, bvh::invert, render_layers::SceneLayers};
+use crate::{
+    scene::{activity::SceneActivity, box_tree::Box6, bvh::invert, render_layers::SceneLayers},
+    settings::NotReflected,
+};
 use bevy::{
     asset::AssetId,
     camera::visibility::{InheritedVisibility, RenderLayers},
@@ -64,6 +67,7 @@ type Decals<'w, 's> = Query<
         Ref<'static, InheritedVisibility>,
         Option<Ref<'static, RenderLayers>>,
     ),
+    Without<NotReflected>,
 >;
 
 /// The parts of the main world that extraction reads.
