@@ -123,18 +123,7 @@ pub fn measure(tracers: &[ReflectionTracerChoice], crowds: &Crowds, csv: &mut Cs
             }
         }
         if wants("decals") {
-            let mut setup = Setup::new(tracer, crowds.size)?;
-            setup.spawn_street();
-            setup.app.world().spawn(DirectionalLight::default());
-            for (name, count, moves) in [
-                ("no decals", 0, false),
-                ("1,000 decals", DECALS, false),
-                ("1,000 decals, one of which moves", 0, true),
-            ] {
-                setup.spawn_decals(count);
-                let measured = setup.measure(crowds.frames, moves)?;
-                measured.print(name, word, csv);
-            }
+            measure_decals(tracer, crowds, word, csv)?;
         }
         if wants("lamps") {
             // The characters would be lit.
@@ -149,6 +138,22 @@ pub fn measure(tracers: &[ReflectionTracerChoice], crowds: &Crowds, csv: &mut Cs
                 }
             }
         }
+    }
+    Ok(())
+}
+
+fn measure_decals(tracer: ReflectionTracerChoice, crowds: &Crowds, word: &str, csv: &mut Csv) -> Result<(), String> {
+    let mut setup = Setup::new(tracer, crowds.size)?;
+    setup.spawn_street();
+    setup.app.world().spawn(DirectionalLight::default());
+    for (name, count, moves) in [
+        ("no decals", 0, false),
+        ("1,000 decals", DECALS, false),
+        ("1,000 decals, one of which moves", 0, true),
+    ] {
+        setup.spawn_decals(count);
+        let measured = setup.measure(crowds.frames, moves)?;
+        measured.print(name, word, csv);
     }
     Ok(())
 }
@@ -389,7 +394,7 @@ impl Setup {
         );
         let paint = world.resource_mut::<Assets<Image>>().add(paint);
         // Bevy's G-buffer has no decals. The ground is deferred, and reflects.
-        for (_, mut material) in world.resource_mut::<Assets<StandardMaterial>>().iter_mut() {
+        for (_, material) in world.resource_mut::<Assets<StandardMaterial>>().iter_mut() {
             if material.perceptual_roughness > 0.5 {
                 material.opaque_render_method = OpaqueRendererMethod::Forward;
             }
