@@ -209,6 +209,7 @@ impl Features {
             (warm_up.light_probes, Self::LIGHT_PROBES),
             (warm_up.lightmaps, Self::LIGHTMAPS),
             (warm_up.clearcoat, Self::CLEARCOAT),
+            (warm_up.specular_tint, Self::SPECULAR_TINT),
             (warm_up.diffuse_transmission, Self::DIFFUSE_TRANSMISSION),
             (warm_up.rect_lights, Self::RECT_LIGHTS),
             (warm_up.light_textures, Self::LIGHT_TEXTURES),

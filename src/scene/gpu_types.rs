@@ -161,7 +161,8 @@ pub struct GpuMaterial {
     /// Factor of light from lightmaps.
     pub lightmap_exposure: f32,
     /// Clearcoat as in the G-buffer: strength in fifteenths in the low 4 bits, perceptual roughness in thirtieths in the next 4. The upper
-    /// 24 bits are the hue of the specular tint that Bevy's forward pass shows: 255 minus red, green and blue, the largest of which is 255.
+    /// 24 bits contain the hue of the specular tint, which Bevy shows in its forward pass. Red, green and blue are scaled until the largest
+    /// is 255, and stored as their differences to 255, so that 0 is white.
     pub clearcoat: u32,
     /// Metres between the points where light enters and leaves, for refraction and diffuse transmission; otherwise 0.
     pub thickness: f32,

@@ -40,6 +40,8 @@ pub struct ReflectionWarmUp {
     pub lightmaps: bool,
     /// Materials with a clearcoat. Default: false.
     pub clearcoat: bool,
+    /// Forward materials with a `specular_tint`. Default: false.
+    pub specular_tint: bool,
     /// Materials with diffuse transmission, such as leaves. Default: false.
     pub diffuse_transmission: bool,
     /// Rectangular lights. Default: false.
@@ -65,6 +67,7 @@ impl ReflectionWarmUp {
         light_probes: true,
         lightmaps: true,
         clearcoat: true,
+        specular_tint: true,
         diffuse_transmission: true,
         rect_lights: true,
         light_textures: true,

@@ -14,7 +14,7 @@ struct Counts { first_decal_word: u32, decal_leaf_count: u32, decal_count: u32 }
 @group(1) @binding(0) var<storage, read> geometry: array<u32>;
 var<private> scene: Counts;
 ";
-/// Textures whose texels are known without images.
+/// Replaces the module of textures: computes each texel from its place.
 const TEXTURES: &str = "
 fn finest_level() -> u32 { return 0u; }
 fn sample_texture(slot: u32, uv: vec2<f32>, level: u32) -> vec4<f32> {

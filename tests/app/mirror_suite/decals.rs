@@ -79,7 +79,7 @@ pub(super) const ROWS: [Row; 11] = [
         stage.light_and_spawn(forward());
         let wall = Transform::from_xyz(0.0, 0.0, 11.9).looking_to(Vec3::Z, Vec3::Y);
         stage.put(Rectangle::new(20.0, 12.0), forward(), wall);
-        // Few borders and similar colours: half a pixel makes a difference.
+        // Few borders, none of them parallel to the pixels, and similar colours: half a pixel makes a difference.
         let colors = [[90, 120, 230, 220], [120, 180, 220, 150]];
         let [violet, green] = colors.map(|color| stage.checkers(color, color, true));
         for index in 0..24_u8 {
@@ -90,7 +90,7 @@ pub(super) const ROWS: [Row; 11] = [
                 ..default()
             };
             let at = Transform::from_xyz(3.1 * (column - 2.5), 3.0 * (line - 1.5), 12.0);
-            let turned = at.with_rotation(Quat::from_rotation_z(0.3 * column + line));
+            let turned = at.with_rotation(Quat::from_rotation_z(0.3 * column + line + 0.2));
             stage.add((decal, turned.with_scale(Vec3::new(2.2, 2.0, 0.5))));
         }
     }),
@@ -109,7 +109,7 @@ impl Stage<'_> {
         self.checkers([230, 60, 30, 255], [240, 220, 90, 110], true)
     }
 
-    /// Decals on the sphere, on the cuboid and on the deferred wall, none of which overlap: Bevy composites decals in any order.
+    /// Decals on the sphere, on the cuboid and on the deferred wall. None of them overlap, because Bevy composites decals in any order.
     fn paste(&mut self, change: impl Fn(ClusteredDecal, usize) -> ClusteredDecal) {
         let image = self.squares();
         let places = [
