@@ -17,6 +17,10 @@ const PAGE_LIMIT: Duration = Duration::from_secs(45 * 60);
 /// Time after which no more long tests begin. All of them run after a warm build; in a cold one, the first tier ends at about this time.
 const LONG_LIMIT: Duration = Duration::from_secs(60 * 60);
 
+/// Time after which tests of the first tier are stopped, and those that have not ended are named. Only machines without builds and compiled
+/// shaders are that slow. What follows takes up to ten minutes there.
+const TEST_LIMIT: Duration = Duration::from_secs(75 * 60);
+
 /// Runs every check, cheap ones first, and all of them even if one fails. Prints a table of times at the end.
 pub fn run() -> Result<()> {
     let start = Instant::now();
@@ -47,10 +51,10 @@ pub fn run() -> Result<()> {
     }
     let options = test::Options::default();
     let tests = test::Suite::build(&mut checks.times).map(|suite| {
-        let results = suite.first_tier(&options, &mut checks.times);
+        let results = suite.first_tier(&options, Some(start + TEST_LIMIT), &mut checks.times);
         (suite, results)
     });
-    foreign_compilers(&mut checks);
+    foreign_compilers(&mut checks, start);
     page(&mut checks, start.elapsed());
     // Last, since only they can be cut short without losing the same checks in each run.
     let results = tests.map(|(suite, mut results)| {
@@ -124,12 +128,12 @@ impl Checks {
 }
 
 /// Has other compilers judge the shaders that the tests translated.
-fn foreign_compilers(checks: &mut Checks) {
+fn foreign_compilers(checks: &mut Checks, start: Instant) {
     checks.run_prepared(translations::WGSL, Tint::prepare(), |tint| tint.judge());
     checks.run_prepared(translations::HLSL, RoundTrip::prepare(), |trip| trip.judge(false));
     // A report: AMD's compiler crashes at random on some shaders, so a failure says little about a change.
     const NAME: &str = "shaders for AMD's GPUs";
-    match isa::prepare() {
+    match time_before(LONG_LIMIT, start.elapsed()).and_then(|()| isa::prepare()) {
         Ok(compilers) => {
             if let Err(error) = checks.times.step(NAME, || isa::judge(&compilers, false, false)) {
                 progress::note(format_args!("{error:#}"));
@@ -142,17 +146,19 @@ fn foreign_compilers(checks: &mut Checks) {
 /// Opens the page in a browser, if there is a browser and enough time.
 fn page(checks: &mut Checks, elapsed: Duration) {
     const NAME: &str = "page in a browser";
-    checks.run_prepared(NAME, time_for_page(elapsed).and_then(|()| web::prepare()), |()| {
-        web::check()
-    });
+    checks.run_prepared(
+        NAME,
+        time_before(PAGE_LIMIT, elapsed).and_then(|()| web::prepare()),
+        |()| web::check(),
+    );
 }
 
-fn time_for_page(elapsed: Duration) -> Result<()> {
+fn time_before(limit: Duration, elapsed: Duration) -> Result<()> {
     ensure!(
-        elapsed < PAGE_LIMIT,
+        elapsed < limit,
         "the run has taken {} already, of at most {}",
         Elapsed(elapsed),
-        Elapsed(PAGE_LIMIT)
+        Elapsed(limit)
     );
     Ok(())
 }
@@ -226,7 +232,7 @@ mod tests {
 
     #[test]
     fn a_run_that_is_late_skips_the_page_and_counts_that() {
-        assert!(time_for_page(Duration::from_secs(60)).is_ok());
+        assert!(time_before(PAGE_LIMIT, Duration::from_secs(60)).is_ok());
         let mut checks = Checks::default();
         page(&mut checks, Duration::from_secs(46 * 60));
         assert_eq!((checks.skipped, checks.failed.len()), (1, 0));

@@ -14,6 +14,7 @@ use std::num::NonZeroUsize;
 use std::path::PathBuf;
 use std::process::{Command, Stdio};
 use std::sync::Mutex;
+use std::sync::mpsc::{self, RecvTimeoutError};
 use std::thread;
 use std::time::{Duration, Instant};
 
@@ -29,8 +30,7 @@ use crate::{environment, new_user, package, web};
 mod long;
 pub use long::run as run_long;
 
-/// Number of test programs that run at a time. They mostly use one core, since the last test of each runs alone and one thread compiles
-/// shaders.
+/// Number of test programs that run at a time: the last test of each runs alone and rarely uses more than one core.
 const JOBS: NonZeroUsize = NonZeroUsize::MIN.saturating_add(1);
 /// Number of tests of one program that run at a time, unless the environment overrides it: each GPU test has its own device, and the CPU
 /// driver uses every core.
@@ -93,7 +93,7 @@ impl Default for Options {
 pub fn run(options: &Options) -> Result<()> {
     let mut times = Times::default();
     let result = Suite::build(&mut times).and_then(|suite| {
-        let mut results = suite.first_tier(options, &mut times);
+        let mut results = suite.first_tier(options, None, &mut times);
         if options.all {
             results.add(long::run(&suite, options, &results.long, None, &mut times));
         }
@@ -142,14 +142,18 @@ impl Suite {
         })
     }
 
-    /// Runs all tests that aren't long.
-    pub fn first_tier(&self, options: &Options, times: &mut Times) -> Results {
+    /// Runs all tests that aren't long, until `stop` if there is one. Names those that it left out then.
+    pub fn first_tier(&self, options: &Options, stop: Option<Instant>, times: &mut Times) -> Results {
         let mut tests: Vec<_> = self.programs.iter().map(Test::new).collect();
         tests.push(documentation());
         for test in &mut tests {
             test.command.args(&options.arguments);
         }
-        self.run_all("tests", tests, Limits::of(options), times).0
+        let limits = Limits {
+            stop,
+            ..Limits::of(options)
+        };
+        self.run_all("tests", tests, limits, times).0
     }
 
     /// Runs some tests, and adds the time of each program. Also returns how many of the last ones didn't begin in time.
@@ -177,6 +181,8 @@ struct Limits {
     jobs: NonZeroUsize,
     /// When no more of them begin.
     end: Option<Instant>,
+    /// When those that still run are stopped.
+    stop: Option<Instant>,
 }
 
 impl Limits {
@@ -184,6 +190,7 @@ impl Limits {
         Self {
             jobs: options.jobs,
             end: None,
+            stop: None,
         }
     }
 }
@@ -197,6 +204,8 @@ pub struct Results {
     cases: Vec<(String, Duration, Cost)>,
     /// Long tests that didn't run: their program and name.
     pub long: Vec<(String, Case)>,
+    /// Tests of the first tier that didn't end in time.
+    late: Vec<String>,
 }
 
 impl Results {
@@ -205,6 +214,9 @@ impl Results {
         for outcome in outcomes {
             results.tally = [results.tally, outcome.tally].into_iter().sum();
             results.cost = [results.cost, outcome.costs.total()].into_iter().sum();
+            results.tally.ignored += u32::try_from(outcome.late.len()).unwrap_or(0);
+            let late = outcome.late.iter().map(|name| format!("{} {name}", outcome.name));
+            results.late.extend(late);
             if !outcome.success {
                 results.failed.push(outcome.name.clone());
             }
@@ -249,6 +261,15 @@ impl Results {
             progress::result(format_args!("left out: {} long tests", self.long.len()));
             for (program, case) in &self.long {
                 progress::result(format_args!("  {program} {case}"));
+            }
+        }
+        if !self.late.is_empty() {
+            progress::result(format_args!(
+                "left out, since the run was late: {} tests",
+                self.late.len()
+            ));
+            for name in &self.late {
+                progress::result(format_args!("  {name}"));
             }
         }
         progress::result(format_args!("tests: {}", self.tally));
@@ -354,6 +375,8 @@ struct Outcome {
     tally: Tally,
     cases: Vec<Case>,
     costs: Costs,
+    /// Tests that didn't end in time.
+    late: Vec<String>,
 }
 
 /// Runs all tests, some at a time. With several at a time, each output is shown when the test has ended. Also returns how many of the last
@@ -369,7 +392,7 @@ fn run_all(tests: Vec<Test>, limits: Limits, show: fn(&[u8])) -> (Vec<Outcome>, 
     let jobs = limits.jobs.get();
     let work = || {
         iter::from_fn(next)
-            .map(|test| run_one(test, jobs == 1, show))
+            .map(|test| run_one(test, limits, show))
             .collect::<Vec<_>>()
     };
     let outcomes = thread::scope(|scope| {
@@ -384,7 +407,8 @@ fn run_all(tests: Vec<Test>, limits: Limits, show: fn(&[u8])) -> (Vec<Outcome>, 
     (outcomes, late)
 }
 
-fn run_one(mut test: Test, is_alone: bool, show: fn(&[u8])) -> Outcome {
+fn run_one(mut test: Test, limits: Limits, show: fn(&[u8])) -> Outcome {
+    let is_alone = limits.jobs == NonZeroUsize::MIN;
     let start = Instant::now();
     let mut output = Vec::new();
     let mut receive = |bytes: &[u8]| {
@@ -394,9 +418,9 @@ fn run_one(mut test: Test, is_alone: bool, show: fn(&[u8])) -> Outcome {
         }
     };
     receive(format!("==> {} {}\n", test.name, test.part).as_bytes());
-    let success = capture(&mut test.command, &mut receive).unwrap_or_else(|error| {
+    let end = capture(&mut test.command, limits.stop, &mut receive).unwrap_or_else(|error| {
         receive(format!("{error}\n").as_bytes());
-        false
+        Ended::Failed
     });
     let time = start.elapsed();
     receive(format!("==> {} {}: {}\n", test.name, test.part, Elapsed(time)).as_bytes());
@@ -405,19 +429,46 @@ fn run_one(mut test: Test, is_alone: bool, show: fn(&[u8])) -> Outcome {
     }
     let said = String::from_utf8_lossy(&output);
     let profile = test.profile.and_then(|path| fs::read_to_string(path).ok());
+    let cases: Vec<_> = said.lines().filter_map(Case::parse).collect();
+    let (tally, late) = match end {
+        Ended::Stopped => (Tally::count(&cases), missing(&test.command, &cases)),
+        Ended::Succeeded | Ended::Failed => (Tally::read(&said), Vec::new()),
+    };
     Outcome {
         name: test.name,
         part: test.part,
         time,
-        success,
-        tally: Tally::read(&said),
-        cases: said.lines().filter_map(Case::parse).collect(),
+        success: tally.failed == 0 && end != Ended::Failed,
+        tally,
+        cases,
         costs: Costs::read(&profile.unwrap_or_default()),
+        late,
     }
 }
 
-/// Runs a command and passes its stdout and stderr on. Returns whether it succeeded.
-fn capture(command: &mut Command, mut receive: impl FnMut(&[u8])) -> io::Result<bool> {
+/// Names of the tests of a program that have no outcome.
+fn missing(program: &Command, cases: &[Case]) -> Vec<String> {
+    let mut list = Command::new(program.get_program());
+    list.args(program.get_args()).arg("--list").stderr(Stdio::null());
+    let listed = list.output().map(|output| output.stdout).unwrap_or_default();
+    String::from_utf8_lossy(&listed)
+        .lines()
+        .filter_map(|line| line.strip_suffix(": test"))
+        .filter(|name| cases.iter().all(|case| case.name != *name))
+        .map(str::to_owned)
+        .collect()
+}
+
+/// The way a command ended.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Ended {
+    Succeeded,
+    Failed,
+    Stopped,
+}
+
+/// Runs a command, at most until `stop`, and passes its stdout and stderr on.
+fn capture(command: &mut Command, stop: Option<Instant>, mut receive: impl FnMut(&[u8])) -> io::Result<Ended> {
     let (mut reader, writer) = io::pipe()?;
     let mut child = command
         .stdin(Stdio::null())
@@ -426,11 +477,27 @@ fn capture(command: &mut Command, mut receive: impl FnMut(&[u8])) -> io::Result<
         .spawn()?;
     // The command owns the writers, which would keep the pipe open.
     command.stdout(Stdio::null()).stderr(Stdio::null());
-    let mut chunk = [0; 4096];
-    while let length @ 1.. = reader.read(&mut chunk)? {
-        receive(&chunk[..length]);
+    let (sender, chunks) = mpsc::channel();
+    thread::spawn(move || {
+        let mut chunk = [0; 4096];
+        while let Ok(length @ 1..) = reader.read(&mut chunk)
+            && sender.send(chunk[..length].to_vec()).is_ok()
+        {}
+    });
+    loop {
+        let left = stop.map_or(Duration::MAX, |stop| stop.saturating_duration_since(Instant::now()));
+        match chunks.recv_timeout(left) {
+            Ok(chunk) => receive(&chunk),
+            Err(RecvTimeoutError::Disconnected) => break,
+            Err(RecvTimeoutError::Timeout) => {
+                child.kill()?;
+                child.wait()?;
+                return Ok(Ended::Stopped);
+            }
+        }
     }
-    Ok(child.wait()?.success())
+    let success = child.wait()?.success();
+    Ok(if success { Ended::Succeeded } else { Ended::Failed })
 }
 
 #[cfg(test)]
@@ -458,6 +525,7 @@ mod tests {
             tally: Tally::read(output),
             cases: output.lines().filter_map(Case::parse).collect(),
             costs: Costs::default(),
+            late: Vec::new(),
         };
         let first = "test a ... ok <0.1s>\ntest b ... ignored, long: b\ntest c ... ignored, long: c\n\
             test d ... ignored, builds crates\ntest result: ok. 1 passed; 0 failed; 3 ignored";
@@ -476,6 +544,7 @@ mod tests {
         Limits {
             jobs: NonZeroUsize::new(jobs).unwrap(),
             end: None,
+            stop: None,
         }
     }
 
@@ -487,6 +556,30 @@ mod tests {
         let end = Some(start + Duration::from_millis(500));
         let (outcomes, late) = run_all(tests, Limits { end, ..limits(2) }, |_| {});
         assert_eq!((outcomes.len(), late), (2, 2));
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn tests_that_run_too_long_are_stopped_and_named() {
+        let script = |first: &str| {
+            format!(
+                "if [ \"$1\" = --list ]; then printf 'a: test\\nb: test\\n'; else echo '{first}'; exec sleep 60; fi"
+            )
+        };
+        for (first, success) in [("test a ... ok <0.1s>", true), ("test a ... FAILED <0.1s>", false)] {
+            let mut test = shell("slow", &script(first));
+            test.command.arg("program");
+            let stop = Some(Instant::now() + Duration::from_millis(300));
+            let (outcomes, late) = run_all(vec![test], Limits { stop, ..limits(1) }, |_| {});
+            assert_eq!((late, outcomes[0].success), (0, success));
+            assert!(outcomes[0].time < Duration::from_secs(30));
+            let results = Results::new(&outcomes);
+            assert_eq!(
+                (&results.late[..], results.tally.ignored),
+                (&["slow b".to_owned()][..], 1)
+            );
+            assert_eq!(results.tally.passed + results.tally.failed, 1);
+        }
     }
 
     #[cfg(unix)]
