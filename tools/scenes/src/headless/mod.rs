@@ -21,7 +21,7 @@ use crate::{
 };
 use bevy::{
     DefaultPlugins,
-    app::{App, PluginGroup, PluginsState, TerminalCtrlCHandlerPlugin},
+    app::{App, PluginGroup, PluginsState, TaskPoolOptions, TaskPoolPlugin, TerminalCtrlCHandlerPlugin},
     asset::{AssetPlugin, AssetServer, Assets, LoadState, RenderAssetUsages, UnapprovedPathMode},
     camera::{Camera, Camera3d, Hdr, Projection, RenderTarget, ShadowLodOrigin},
     core_pipeline::prepass::{DeferredPrepass, DepthPrepass},
@@ -118,6 +118,16 @@ pub fn browser_device() -> WgpuSettings {
     }
 }
 
+/// Minimum number of threads that run the systems of all apps. Bevy's default on two cores is one, which then also compiles the shaders of
+/// all apps one after the other.
+const COMPUTE_THREADS: usize = 4;
+
+fn task_pools() -> TaskPoolOptions {
+    let mut options = TaskPoolOptions::default();
+    options.compute.min_threads = COMPUTE_THREADS;
+    options
+}
+
 /// An app without a window that is stepped by hand. It renders on the calling thread, so that every frame is complete when
 /// [`step`](Self::step) returns.
 pub struct HeadlessApp {
@@ -138,6 +148,9 @@ fn add_bevy(app: &mut App, settings: &HeadlessSettings) {
         assets.file_path.clone_from(folder);
     }
     let mut plugins = DefaultPlugins
+        .set(TaskPoolPlugin {
+            task_pool_options: task_pools(),
+        })
         .set(WindowPlugin {
             primary_window: None,
             exit_condition: ExitCondition::DontExit,
