@@ -19,7 +19,7 @@ use crate::{
     view::{ReflectionTextures, RefusedViews, ViewCulling},
 };
 use bevy::{
-    camera::{Camera, Hdr, MainPassResolutionOverride},
+    camera::{Camera, Hdr, MainPassResolutionOverride, Projection},
     core_pipeline::prepass::{DeferredPrepass, DepthPrepass, MotionVectorPrepass, NormalPrepass},
     ecs::{
         entity::{EntityHashMap, EntityHashSet},
@@ -58,6 +58,7 @@ pub(super) struct CameraQuery {
     debug_counters: Has<ReflectionDebugCounters>,
     guides: Has<ReflectionGuides>,
     resolution: Option<&'static MainPassResolutionOverride>,
+    projection: Option<&'static Projection>,
 }
 
 impl CameraQueryItem<'_, '_> {
@@ -68,7 +69,7 @@ impl CameraQueryItem<'_, '_> {
     }
 
     /// All problems, each with whether the camera has it.
-    fn problems(&self, forward: bool, reflections: &RayTracedReflections, limits: &mut Limits) -> [(Problem, bool); 7] {
+    fn problems(&self, forward: bool, reflections: &RayTracedReflections, limits: &mut Limits) -> [(Problem, bool); 8] {
         [
             (Problem::ScreenSpace, self.screen_space),
             (Problem::Prepass, !(self.depth && self.deferred && self.normal)),
@@ -80,6 +81,11 @@ impl CameraQueryItem<'_, '_> {
             ),
             (Problem::NoMemory, limits.refused.contains(self.render_entity)),
             (Problem::Forward, forward && !reflections.forward),
+            (
+                Problem::ShortRays,
+                self.projection
+                    .is_some_and(|projection| has_short_rays(projection, reflections)),
+            ),
         ]
     }
 
@@ -118,6 +124,13 @@ fn fits(size: UVec2, technique: ReflectionTechnique, most_texels: u32) -> bool {
         _ => LARGEST_TRACE_SIZE.min(most_texels / 2),
     };
     size.max_element().div_ceil(technique.trace_scale()) <= most_trace_pixels
+}
+
+/// Returns whether nobody adapted the length of rays to the camera. An infinite projection says nothing about the scene.
+fn has_short_rays(projection: &Projection, reflections: &RayTracedReflections) -> bool {
+    let far = projection.far();
+    let length = RayTracedReflections::default().max_ray_length;
+    reflections.max_ray_length == length && far > length && far.is_finite()
 }
 
 /// A view of the render world that extraction might have to change.
@@ -398,6 +411,7 @@ pub(super) fn extract_cameras(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use bevy::camera::PerspectiveProjection;
 
     #[test]
     fn views_that_no_list_or_texture_could_hold_are_declined() {
@@ -415,5 +429,25 @@ mod tests {
             assert!(!fits_in(most_texels, technique, widest + 1), "{technique:?}");
         }
         assert!(fits(UVec2::ZERO, Reference, 16_384), "its size isn't known yet");
+    }
+
+    #[test]
+    fn rays_are_short_if_only_the_projection_was_adapted_to_the_world() {
+        let is_short = |far, max_ray_length| {
+            let projection = Projection::Perspective(PerspectiveProjection {
+                far,
+                ..Default::default()
+            });
+            let reflections = RayTracedReflections {
+                max_ray_length,
+                ..Default::default()
+            };
+            has_short_rays(&projection, &reflections)
+        };
+        assert!(is_short(100_000.0, 10_000.0), "centimetres");
+        assert!(!is_short(100_000.0, 100_000.0), "adapted");
+        assert!(!is_short(100_000.0, 20.0), "the app wants short ones");
+        assert!(!is_short(1000.0, 10_000.0), "Bevy's default");
+        assert!(!is_short(f32::INFINITY, 10_000.0), "no limit");
     }
 }

@@ -19,12 +19,13 @@ pub(super) enum Problem {
     TooLarge,
     NoMemory,
     Forward,
+    ShortRays,
 }
 
 impl Problem {
-    /// Returns whether nothing can be traced with this problem. With the others, some materials don't reflect.
+    /// Returns whether nothing can be traced with this problem. With the others, something is missing in reflections.
     pub fn is_fatal(self) -> bool {
-        self != Self::Forward
+        !matches!(self, Self::Forward | Self::ShortRays)
     }
 
     /// The problem and its remedy, in half a sentence.
@@ -57,6 +58,10 @@ impl Problem {
                 "only opaque materials whose `opaque_render_method` is `Deferred` reflect: for all of them, leave the plugin's \
                  `deferred_by_default` on and the resource `DefaultOpaqueRendererMethod` alone, or switch \
                  `RayTracedReflections::forward` on"
+            }
+            Self::ShortRays => {
+                "it sees farther than its reflection rays reach: set `RayTracedReflections::max_ray_length` to the `far` of its \
+                 projection, for example where a unit is a centimetre"
             }
         }
     }

@@ -56,8 +56,8 @@ pub struct RayTracedReflections {
     /// into the environment map; 0 is a hard edge. It has no effect at a cut-off of 1. Default: 0.1.
     #[reflect(@0.0..=1.0f32)]
     pub roughness_fade: f32,
-    /// Length of a reflection ray in metres. Longer rays reach farther and cost more; the environment replaces everything beyond their end.
-    /// Default: 10,000.
+    /// Length of a reflection ray in world units. Longer rays reach farther and cost more; the environment replaces everything beyond their
+    /// end. Default: 10,000, which is enough for most worlds in metres. Where a unit is a centimetre, set it to the `far` of the projection.
     pub max_ray_length: f32,
     /// Reflections within reflections: number of surfaces that a ray can hit in a row, 1 to 8. With 1, a mirror that is seen in a mirror
     /// shows the environment map. Each further bounce traces and lights up to one more hit for each ray. Default: 1.
