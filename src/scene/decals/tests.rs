@@ -1,11 +1,23 @@
-use super::{DecalTable, GpuDecal, extract::DecalSource};
-use crate::scene::{box_tree::Tree, gpu_types::NO_TEXTURE, test_gpu, textures::TextureTable};
+use super::{DecalTable, ExtractedDecals, GpuDecal, extract::DecalSource};
+use crate::{
+    device::{ReflectionTextureMode, ReflectionTracer},
+    scene::{
+        box_tree::{TablePlace, Tree},
+        change::Change,
+        gpu_types::NO_TEXTURE,
+        meshes::SceneMeshes,
+        test_gpu,
+        textures::TextureTable,
+    },
+};
 use bevy::{
     asset::{AssetId, uuid::Uuid},
     ecs::world::{FromWorld, World},
     image::Image,
     light::ClusteredDecal,
     math::{Affine3A, EulerRot, FloatExt, Quat, Vec2, Vec3, Vec4, Vec4Swizzles as _},
+    platform::collections::HashSet,
+    render::renderer::RenderQueue,
 };
 
 /// The bindings that decals read, with the counts in the first words of the geometry.
@@ -210,30 +222,141 @@ fn a_decal_fits_into_its_bounds() {
     }
 }
 
+/// A table of decals, and the other tables that it writes to.
+struct Tables {
+    decals: DecalTable,
+    textures: TextureTable,
+    meshes: SceneMeshes,
+    queue: RenderQueue,
+}
+
+impl Tables {
+    /// Returns `None` without a GPU.
+    fn new() -> Option<Self> {
+        let (device, queue) = test_gpu::device()?;
+        let meshes = SceneMeshes::new(&device, ReflectionTracer::Bvh);
+        let mut world = World::new();
+        world.insert_resource(device);
+        world.insert_resource(queue.clone());
+        let decals = DecalTable {
+            drawn: Some(true),
+            ..DecalTable::default()
+        };
+        Some(Self {
+            decals,
+            textures: TextureTable::from_world(&mut world),
+            meshes,
+            queue,
+        })
+    }
+
+    /// Follows these decals, with images that were loaded.
+    fn follow(&mut self, extracted: &ExtractedDecals, on_materials: bool, resettled: &[AssetId<Image>]) -> Change {
+        let resettled: HashSet<_> = resettled.iter().copied().collect();
+        let Self {
+            decals,
+            textures,
+            meshes,
+            queue,
+        } = self;
+        decals.follow((extracted, on_materials), None, &resettled, textures, meshes, queue)
+    }
+}
+
+fn image(number: u128) -> AssetId<Image> {
+    let uuid = Uuid::from_u128(number);
+    AssetId::Uuid { uuid }
+}
+
+/// A decal with a base colour, and perhaps with emission.
+fn painted(color: u128, glow: Option<u128>) -> DecalSource {
+    let mut decal = source(&Affine3A::IDENTITY).expect("it has a box");
+    decal.images = [Some(image(color)), None, None, glow.map(image)];
+    decal
+}
+
+/// Each call is one change.
+fn extracted(decals: &[DecalSource], version: u64) -> ExtractedDecals {
+    let mut extracted = ExtractedDecals::default();
+    extracted.decals = decals.to_vec();
+    extracted.version = version;
+    extracted
+}
+
 #[test]
 fn images_are_used_once_and_given_back() {
-    let Some((device, queue)) = test_gpu::device() else {
+    let Some(mut tables) = Tables::new() else {
         return;
     };
-    let mut world = World::new();
-    world.insert_resource(device);
-    world.insert_resource(queue);
-    let mut textures = TextureTable::from_world(&mut world);
-    let mut table = DecalTable::default();
-    let image = |number: u128| AssetId::<Image>::Uuid {
-        uuid: Uuid::from_u128(number),
-    };
-    let decal = |color: u128, glow: Option<u128>| {
-        let mut decal = source(&Affine3A::IDENTITY).expect("it has a box");
-        decal.images = [Some(image(color)), None, None, glow.map(image)];
-        decal
-    };
     let mut used = |decals: &[DecalSource]| {
-        table.use_images(decals, &mut textures);
-        textures.used()
+        tables.decals.use_images(decals, &mut tables.textures);
+        tables.textures.used()
     };
-    assert_eq!(used(&[decal(1, Some(2)), decal(1, None)]), 2);
-    assert_eq!(used(&[decal(1, None), decal(3, Some(4))]), 3);
-    assert_eq!(used(&[decal(1, None), decal(3, Some(4))]), 3);
+    assert_eq!(used(&[painted(1, Some(2)), painted(1, None)]), 2);
+    assert_eq!(used(&[painted(1, None), painted(3, Some(4))]), 3);
+    assert_eq!(used(&[painted(1, None), painted(3, Some(4))]), 3);
     assert_eq!(used(&[]), 0);
+}
+
+#[test]
+fn views_are_disturbed_only_by_decals_that_rays_can_see() {
+    let Some(mut tables) = Tables::new() else {
+        return;
+    };
+    let [none, one] = [extracted(&[], 1), extracted(&[painted(1, None)], 2)];
+    assert_eq!(tables.follow(&none, true, &[]), Change::Nothing, "there is none");
+    assert_eq!(tables.follow(&one, false, &[]), Change::Nothing, "no material shows it");
+    assert_eq!(tables.decals.place(), TablePlace::default());
+    assert_eq!(tables.follow(&one, true, &[]), Change::Unmarked, "a material shows it");
+    assert_eq!(tables.decals.place().records, 1);
+    let same = extracted(&one.decals, 3);
+    for again in [&one, &same] {
+        assert_eq!(tables.follow(again, true, &[]), Change::Nothing, "it is the same");
+    }
+    assert_eq!(
+        tables.follow(&same, true, &[image(2)]),
+        Change::Nothing,
+        "another image"
+    );
+    assert_eq!(tables.follow(&same, true, &[image(1)]), Change::Unmarked, "its image");
+    assert_eq!(
+        tables.follow(&same, false, &[]),
+        Change::Unmarked,
+        "no material is left"
+    );
+    assert_eq!(tables.decals.place(), TablePlace::default());
+    assert_eq!(tables.follow(&same, true, &[]), Change::Unmarked, "a material is back");
+    let gone = extracted(&[], 4);
+    assert_eq!(tables.follow(&gone, true, &[]), Change::Unmarked, "it is gone");
+    assert_eq!(tables.follow(&gone, true, &[]), Change::Nothing);
+    assert_eq!(
+        (tables.decals.place(), tables.textures.used()),
+        (TablePlace::default(), 0)
+    );
+}
+
+#[test]
+fn images_without_room_are_added_once_there_is_some() {
+    let Some(mut tables) = Tables::new() else {
+        return;
+    };
+    let ReflectionTextureMode::Bindless { textures: room } = tables.textures.mode() else {
+        panic!("test devices have binding arrays");
+    };
+    let others = u128::from(room);
+    assert!((0..others).all(|other| tables.textures.acquire(image(other))));
+    let one = extracted(&[painted(others, None)], 1);
+    let uses_it = |tables: &Tables| tables.decals.images.contains(&image(others));
+    assert_eq!(tables.follow(&one, true, &[]), Change::Unmarked, "without its image");
+    assert!(!uses_it(&tables));
+    tables.follow(&one, true, &[]);
+    assert!(!uses_it(&tables), "it stays full");
+    tables.textures.release(image(0));
+    tables.follow(&one, true, &[]);
+    assert!(uses_it(&tables), "there is room");
+    assert_eq!(
+        tables.follow(&one, true, &[image(others)]),
+        Change::Unmarked,
+        "its image is loaded"
+    );
 }

@@ -80,7 +80,7 @@ pub(super) const ROWS: [Row; 11] = [
         let wall = Transform::from_xyz(0.0, 0.0, 11.9).looking_to(Vec3::Z, Vec3::Y);
         stage.put(Rectangle::new(20.0, 12.0), forward(), wall);
         // Few borders, none of them parallel to the pixels, and similar colours: half a pixel makes a difference.
-        let colors = [[90, 120, 230, 220], [120, 180, 220, 150]];
+        let colors = [[90, 120, 230, 150], [120, 180, 220, 110]];
         let [violet, green] = colors.map(|color| stage.checkers(color, color, true));
         for index in 0..24_u8 {
             let (column, line) = (f32::from(index % 6), f32::from(index / 6));
