@@ -6,6 +6,11 @@ use bevy_glint::{
 };
 use core::time::Duration;
 use glint_scenes::{HeadlessApp, HeadlessError, HeadlessSettings, Output, SceneAnimationPlugin};
+use std::path::Path;
+
+/// Environment variable with a folder of shader modules that take the place of the crate's. So a test can be seen to fail on a planted
+/// fault without a build.
+const SHADERS: &str = "GLINT_TEST_SHADERS";
 
 /// An app that traces, or `None` (with the reason printed) if this machine can't.
 pub fn app(size: UVec2, output: Output, tracer: ReflectionTracerChoice) -> Option<HeadlessApp> {
@@ -76,6 +81,10 @@ pub fn app_of(
         assert!(!required, "ray queries are required, but: {report}");
         println!("skipped: {report}");
         return None;
+    }
+    if let Some(folder) = std::env::var_os(SHADERS) {
+        let replaced = app.replace_shaders("bevy_glint", Path::new(&folder));
+        assert!(replaced.is_ok_and(|replaced| !replaced.is_empty()), "{SHADERS} has no shaders");
     }
     Some(app)
 }
