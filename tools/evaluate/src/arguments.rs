@@ -95,13 +95,12 @@ pub struct Arguments {
 pub enum BackendWord {
     /// All that this machine has.
     #[default]
+    #[value(alias = "all")]
     Auto,
     /// Lists of rays.
     Compute,
     /// The rasterizer's shading rate.
     Hardware,
-    /// The same as auto.
-    All,
 }
 
 /// Tracers.
@@ -177,11 +176,11 @@ impl Arguments {
             if names.contains(&"solari") {
                 let mut job = job(TracerName::RayQuery, true, false);
                 let solari = Variant::new("solari");
-                if let Some(reason) = no_solari(machine) {
-                    skipped.push((job, solari, reason.to_owned()));
-                } else {
+                if machine.ray_query {
                     job.variants.push(solari);
                     jobs.push(job);
+                } else {
+                    skipped.push((job, solari, "the GPU has no ray queries".to_owned()));
                 }
             }
         }
@@ -330,16 +329,11 @@ impl Arguments {
     fn backends(&self, machine: &Machine) -> Result<(bool, bool), String> {
         match self.backend {
             BackendWord::Compute => Ok((true, false)),
-            BackendWord::Auto | BackendWord::All => Ok((true, machine.hardware_vrs)),
+            BackendWord::Auto => Ok((true, machine.hardware_vrs)),
             BackendWord::Hardware if machine.hardware_vrs => Ok((false, true)),
             BackendWord::Hardware => Err(format!("{} can't spread rays by its shading rate", machine.adapter)),
         }
     }
-}
-
-/// Why Solari can't be measured.
-fn no_solari(machine: &Machine) -> Option<&'static str> {
-    (!machine.ray_query).then_some("the GPU has no ray queries")
 }
 
 #[cfg(test)]

@@ -11,6 +11,7 @@ use bevy_glint::{
     HardwareVrsSupport, RayTracedReflections, ReflectionBackend, ReflectionPreset, ReflectionStatusReport,
     ReflectionTechnique, ReflectionTracerChoice, ShadingRateHeuristic, internals::WithoutReflections, named_settings,
 };
+use bevy_solari::prelude::SolariLighting;
 use glint_scenes::HeadlessApp;
 
 /// Roughness cut-off of the ground truth, which traces everything.
@@ -66,13 +67,14 @@ pub fn prepare_camera(camera: &mut EntityWorldMut) {
 pub fn apply(camera: &mut EntityWorldMut, variant: &Variant) -> Result<(), String> {
     match variant.technique.as_str() {
         "off" => {
-            camera.remove::<(ScreenSpaceReflections, NormalPrepass)>();
-            solari::remove(camera);
+            camera.remove::<(ScreenSpaceReflections, NormalPrepass, SolariLighting)>();
         }
         "ssr" => {
             camera.insert((ScreenSpaceReflections::default(), NormalPrepass));
         }
-        "solari" => return solari::apply(camera),
+        "solari" => {
+            camera.insert(SolariLighting::default());
+        }
         name => {
             let (mut settings, heuristic) = named_settings(name).map_err(|error| error.to_string())?;
             if name.parse::<ReflectionPreset>().is_err() {
@@ -112,7 +114,9 @@ pub fn reset(camera: &mut EntityWorldMut) {
     if let Some(mut settings) = camera.get_mut::<RayTracedReflections>() {
         settings.reset = true;
     }
-    solari::reset(camera);
+    if let Some(mut lighting) = camera.get_mut::<SolariLighting>() {
+        lighting.reset = true;
+    }
 }
 
 /// Shows only the light of reflections, or all other light.
@@ -167,10 +171,7 @@ pub const RAYS: [&str; 4] = [
 /// Bevy Solari.
 pub mod solari {
     use bevy::{camera::CameraMainTextureUsages, prelude::*, render::render_resource::TextureUsages};
-    use bevy_solari::{
-        SolariPlugins,
-        prelude::{RaytracingMesh3d, SolariLighting},
-    };
+    use bevy_solari::{SolariPlugins, prelude::RaytracingMesh3d};
 
     /// Adds the plugins.
     pub fn add(app: &mut App) {
@@ -189,21 +190,6 @@ pub mod solari {
         }
         let usages = CameraMainTextureUsages::default().with(TextureUsages::STORAGE_BINDING);
         world.entity_mut(camera).insert(usages);
-    }
-
-    pub(super) fn apply(camera: &mut EntityWorldMut) -> Result<(), String> {
-        camera.insert(SolariLighting::default());
-        Ok(())
-    }
-
-    pub(super) fn remove(camera: &mut EntityWorldMut) {
-        camera.remove::<SolariLighting>();
-    }
-
-    pub(super) fn reset(camera: &mut EntityWorldMut) {
-        if let Some(mut lighting) = camera.get_mut::<SolariLighting>() {
-            lighting.reset = true;
-        }
     }
 }
 
