@@ -9,7 +9,7 @@ use crate::{
     job::Job,
     machine::Machine,
     process::{self, Notice},
-    progress::{Progress, say},
+    progress::Progress,
     report::{output::Results, table, tables::Tables},
 };
 use indicatif::HumanDuration;
@@ -60,13 +60,13 @@ impl<'a> Evaluation<'a> {
             if jobs.peek().is_none_or(|next| next.scene != job.scene) {
                 self.finish(&scene);
                 self.results(&self.tables()).write()?;
-                self.progress.note(format_args!("{scene}: results are written"));
+                let summary = plan.out.join("summary.md");
+                self.progress
+                    .note(format_args!("{scene}: results are in {}", summary.display()));
             }
         }
         self.progress.finish();
-        let tables = self.tables();
-        self.results(&tables).print();
-        Ok(tables)
+        Ok(self.tables())
     }
 
     /// Runs one job, while images are compared.
@@ -118,9 +118,10 @@ impl<'a> Evaluation<'a> {
             if let Some(failure) = self.over.get(&job.id()) {
                 scenes.insert(job.scene.name());
                 let rows = table::rows(job, self.machine, &self.log, failure.as_deref(), &problems);
-                new.objects.extend(table::objects(job, &rows));
-                new.splits.extend(table::splits(job, &rows));
+                let Tables { rows, objects, splits } = table::tables(job, rows);
                 new.rows.extend(rows);
+                new.objects.extend(objects);
+                new.splits.extend(splits);
             }
         }
         for (job, variant, reason) in &self.plan.skipped {
@@ -138,23 +139,5 @@ impl<'a> Evaluation<'a> {
             protocol: &self.plan.protocol,
             tables,
         }
-    }
-}
-
-/// Announces the run.
-pub fn announce(plan: &MeasurementPlan, machine: &Machine) {
-    let protocol = &plan.protocol;
-    say(format_args!("{}", machine.adapter));
-    say(format_args!(
-        "{}x{}, {} views, {} timed frames per technique in {} rounds, ground truth of {} samples per pixel",
-        protocol.width,
-        protocol.height,
-        protocol.views,
-        protocol.rounds() * protocol.block,
-        protocol.rounds(),
-        protocol.samples
-    ));
-    if machine.is_cpu {
-        say("This adapter is a CPU: its times can't be compared with those of GPUs.");
     }
 }

@@ -10,12 +10,13 @@
 //! |---|---|
 //! | `evaluation` | a whole run |
 //! | `arguments` | the command line, and its jobs |
-//! | `report` | rows, statistics, charts, summary, comparison of two runs |
+//! | `report` | rows, charts, summary, comparison of two runs |
 //! | `process`, `worker` | the processes that render |
 //! | `compare` | errors of images, on all cores |
 //! | `message`, `progress`, `state` | communication between processes, and finished work |
 //! | `machine`, `techniques` | the library: only `worker` also uses it |
 //! | `job`, `protocol`, `files` | the measurements, their extent, and their files |
+//! | `stats` | means, intervals, and the Pareto front |
 
 mod arguments;
 mod compare;
@@ -29,6 +30,7 @@ mod progress;
 mod protocol;
 mod report;
 mod state;
+mod stats;
 mod techniques;
 mod worker;
 
@@ -44,6 +46,7 @@ use report::{
     output::Results,
     regressions::compare,
     rows::{self, Row},
+    summary::conditions,
     tables::{ROWS, Tables},
 };
 use std::{
@@ -115,7 +118,7 @@ fn rewrite(arguments: &Arguments) -> Result<ExitCode, String> {
         tables: &tables,
     };
     results.write()?;
-    results.print();
+    progress::say(out.join("summary.md").display());
     Ok(ExitCode::SUCCESS)
 }
 
@@ -124,7 +127,7 @@ fn evaluate(arguments: &Arguments) -> Result<ExitCode, String> {
     let machine = process::probe()?;
     let plan = arguments.plan(&machine)?;
     let before = prepare_folder(arguments, &plan, &machine)?;
-    evaluation::announce(&plan, &machine);
+    progress::say(conditions(&machine, &plan.protocol).trim_end());
     let all = Evaluation::new(&plan, &machine, before)?.run()?.rows;
     if !all.iter().any(Row::is_ok) {
         return Err(format!(

@@ -82,6 +82,34 @@ pub struct Split {
     pub contrast_bias: f64,
 }
 
+impl Split {
+    /// The mean of splits of pixels or views.
+    pub fn mean(splits: impl IntoIterator<Item = Split>) -> Self {
+        let (mut sum, mut count) = ([0.0; 5], 0.0);
+        for split in splits {
+            let Split {
+                light,
+                noise,
+                bias,
+                contrast_noise,
+                contrast_bias,
+            } = split;
+            for (sum, value) in sum.iter_mut().zip([light, noise, bias, contrast_noise, contrast_bias]) {
+                *sum += value;
+            }
+            count += 1.0;
+        }
+        let [light, noise, bias, contrast_noise, contrast_bias] = sum.map(|sum| sum / count);
+        Self {
+            light,
+            noise,
+            bias,
+            contrast_noise,
+            contrast_bias,
+        }
+    }
+}
+
 /// Reflected light of a view in truth.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]

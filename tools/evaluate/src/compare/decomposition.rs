@@ -4,7 +4,7 @@
 //! has no such sum.
 
 use super::reflected_light::TrueLight;
-use crate::state::Split;
+use crate::{state::Split, stats::mean_and_variance};
 use image::{Rgb, RgbImage};
 
 /// Contrast at which colours of the maps are saturated.
@@ -20,14 +20,6 @@ pub struct Decomposition {
     pub bias: RgbImage,
 }
 
-/// Variance between values, without bias: the sum of squares over one less than their number.
-fn mean_and_variance(values: impl Iterator<Item = f64> + Clone) -> (f64, f64) {
-    let count = values.clone().count() as f64;
-    let mean = values.clone().sum::<f64>() / count;
-    let squares: f64 = values.map(|value| (value - mean).powi(2)).sum();
-    (mean, squares / (count - 1.0))
-}
-
 /// Compares frames that differ only in their noise with the truth; `None` unless there are at least two, all of the truth's size.
 ///
 /// The mean of the runs still has some of their noise, and the truth has its own noise. Both would count as bias, so both variances are
@@ -41,24 +33,18 @@ pub fn decompose(truth: &TrueLight, runs: &[Vec<f32>]) -> Option<Decomposition> 
     let halves = truth.halves();
     let whole = |index: usize| 0.5 * (f64::from(halves[0][index]) + f64::from(halves[1][index]));
     let frame_mean = (0..pixels).map(whole).sum::<f64>() / pixels as f64;
-    let mut split = Split::default();
     let (width, height) = (truth.width(), (pixels as u32).div_ceil(truth.width().max(1)));
     let (mut noise_map, mut bias_map) = (RgbImage::new(width, height), RgbImage::new(width, height));
-    for index in 0..pixels {
+    let pixel = |index: usize| {
         let expected = whole(index);
         let (mean, variance) = mean_and_variance(runs.iter().map(|run| f64::from(run[index])));
         let of_truth = 0.25 * f64::from(halves[0][index] - halves[1][index]).powi(2);
         let difference = mean - expected;
         let bias = difference.powi(2) - variance / runs.len() as f64 - of_truth;
-        split.light += expected - f64::from(truth.without()[index]);
-        split.noise += variance;
-        split.bias += bias;
         // The difference in a highlight that is ten times as bright is visible only if it is ten times as large. Only the ground truth
         // determines the brightness of a pixel: weights that followed the runs would follow their noise, and its rare bright values
         // would look like bias.
         let scale = (expected.max(0.0) + frame_mean).max(1e-9);
-        split.contrast_noise += variance / scale.powi(2);
-        split.contrast_bias += bias / scale.powi(2);
         let (x, y) = (index as u32 % width, index as u32 / width);
         noise_map[(x, y)] = Rgb([level(variance.sqrt() / scale); 3]);
         let signed = (difference / scale).clamp(-MAP_RANGE, MAP_RANGE);
@@ -67,16 +53,15 @@ pub fn decompose(truth: &TrueLight, runs: &[Vec<f32>]) -> Option<Decomposition> 
         } else {
             Rgb([level(-0.2 * signed), level(-0.5 * signed), level(-signed)])
         };
-    }
-    for sum in [
-        &mut split.light,
-        &mut split.noise,
-        &mut split.bias,
-        &mut split.contrast_noise,
-        &mut split.contrast_bias,
-    ] {
-        *sum /= pixels as f64;
-    }
+        Split {
+            light: expected - f64::from(truth.without()[index]),
+            noise: variance,
+            bias,
+            contrast_noise: variance / scale.powi(2),
+            contrast_bias: bias / scale.powi(2),
+        }
+    };
+    let split = Split::mean((0..pixels).map(pixel));
     Some(Decomposition {
         split,
         noise: noise_map,
@@ -92,7 +77,10 @@ fn level(contrast: f64) -> u8 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::compare::reflected_light::{Objects, Surroundings};
+    use crate::{
+        compare::reflected_light::{Objects, Surroundings},
+        stats::normal,
+    };
     use glint_scenes::Random;
 
     const WIDTH: u32 = 160;
@@ -101,11 +89,6 @@ mod tests {
     const WITHOUT: f32 = 0.2;
     const LIGHT: f32 = 0.5;
     const TRUTH_NOISE: f32 = 0.05;
-
-    /// About normal, with a variance of 1.
-    fn normal(random: &mut Random) -> f32 {
-        (0..12).map(|_| random.unit()).sum::<f32>() - 6.0
-    }
 
     fn plane(mut value: impl FnMut(usize) -> f32) -> Vec<f32> {
         (0..PIXELS).map(&mut value).collect()
@@ -118,7 +101,7 @@ mod tests {
             distance: plane(|_| 1.0),
             objects: Objects::default(),
         };
-        let half = |random: &mut Random| plane(|_| WITHOUT + LIGHT + TRUTH_NOISE * normal(random));
+        let half = |random: &mut Random| plane(|_| WITHOUT + LIGHT + TRUTH_NOISE * normal(random) as f32);
         let halves = [half(random), half(random)];
         TrueLight::new(WIDTH, surroundings, halves)
     }
@@ -128,7 +111,7 @@ mod tests {
         let frame = |random: &mut Random| {
             plane(|index| {
                 let sign = if index % 2 == 0 { 1.0 } else { -1.0 };
-                WITHOUT + LIGHT + sign * bias + noise * normal(random)
+                WITHOUT + LIGHT + sign * bias + noise * normal(random) as f32
             })
         };
         (0..RUNS).map(|_| frame(random)).collect()

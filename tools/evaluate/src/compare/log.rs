@@ -1,26 +1,13 @@
-//! The log of comparisons: one line of JSON for each technique in each view. Each line is written at once, so that an interrupted run
-//! loses none.
+//! The log of comparisons: a file for each technique in each view, so that an interrupted run loses none.
 
-use super::score::{Errors, ViewErrors};
+use super::score::ViewErrors;
+use crate::files::{read_json, write_json};
 use serde::{Deserialize, Serialize};
-use std::{
-    collections::BTreeMap,
-    fs,
-    io::Write,
-    path::{Path, PathBuf},
-    sync::{Mutex, MutexGuard, PoisonError},
-};
+use std::path::{Path, PathBuf};
 
-/// One line.
+/// One comparison.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[serde(default)]
 pub struct Entry {
-    /// The job.
-    pub job: String,
-    /// The technique with its back end.
-    pub variant: String,
-    /// The view.
-    pub view: u32,
     /// The stamp of the images.
     pub pictures: u64,
     /// The stamp of the images of `reference` that they were compared with.
@@ -32,71 +19,42 @@ pub struct Entry {
 /// A job, a technique with its back end, and a view.
 pub type Key = (String, String, u32);
 
-impl Entry {
-    fn key(&self) -> Key {
-        (self.job.clone(), self.variant.clone(), self.view)
-    }
-}
-
-/// All lines of one file. The last of several lines about the same image counts.
+/// The newest comparison of each technique in each view.
 pub struct ComparisonLog {
-    file: PathBuf,
-    entries: Mutex<BTreeMap<Key, Entry>>,
+    folder: PathBuf,
 }
 
 impl ComparisonLog {
-    /// The file in a folder of results.
+    /// The place of the log in a folder of results.
     pub fn file_in(out: &Path) -> PathBuf {
-        out.join("state").join("comparisons.jsonl")
+        out.join("state").join("comparisons")
     }
 
-    /// Reads a file, which need not exist. Invalid lines, such as truncated ones, are skipped.
-    pub fn open(file: PathBuf) -> Self {
-        let bytes = fs::read(&file).unwrap_or_default();
-        let text = String::from_utf8_lossy(&bytes);
-        let entries = text.lines().filter_map(|line| serde_json::from_str::<Entry>(line).ok());
-        Self {
-            entries: Mutex::new(entries.map(|entry| (entry.key(), entry)).collect()),
-            file,
-        }
+    /// Opens the log, which need not exist.
+    pub fn open(folder: PathBuf) -> Self {
+        Self { folder }
     }
 
-    fn entries(&self) -> MutexGuard<'_, BTreeMap<Key, Entry>> {
-        self.entries.lock().unwrap_or_else(PoisonError::into_inner)
+    fn file(&self, job: &str, variant: &str, view: u32) -> PathBuf {
+        self.folder.join(format!("{job}.{variant}.{view}.json"))
     }
 
-    /// Adds a line to the file. If that fails, the result is known in this run all the same.
-    pub fn append(&self, entry: Entry) -> Result<(), String> {
-        let fail = |error: std::io::Error| format!("{} can't be written: {error}", self.file.display());
-        let line = serde_json::to_string(&entry).map_err(|error| error.to_string())?;
-        // One at a time, and each line with one write. The line feed before it ends a truncated line.
-        let mut entries = self.entries();
-        entries.insert(entry.key(), entry);
-        if let Some(folder) = self.file.parent() {
-            fs::create_dir_all(folder).map_err(fail)?;
-        }
-        let mut options = fs::File::options();
-        let mut file = options.create(true).append(true).open(&self.file).map_err(fail)?;
-        file.write_all(format!("\n{line}\n").as_bytes()).map_err(fail)
+    /// Writes a comparison in the place of an older one.
+    pub fn append(&self, (job, variant, view): &Key, entry: &Entry) -> Result<(), String> {
+        write_json(&self.file(job, variant, *view), entry)
     }
 
     /// True if a comparison of just these images is known.
-    pub fn knows(&self, key: &Key, pictures: u64, reference: Option<u64>) -> bool {
-        let entries = self.entries();
-        let entry = entries.get(key);
+    pub fn knows(&self, (job, variant, view): &Key, pictures: u64, reference: Option<u64>) -> bool {
+        let entry: Option<Entry> = read_json(&self.file(job, variant, *view));
         entry.is_some_and(|entry| (entry.pictures, entry.reference) == (pictures, reference))
     }
 
-    /// The errors of a technique's images with a stamp; `None` if a view is missing.
-    pub fn errors(&self, job: &str, variant: &str, pictures: u64, views: u32) -> Option<Errors> {
-        let entries = self.entries();
-        let views: Option<Vec<ViewErrors>> = (0..views)
-            .map(|view| {
-                let entry = entries.get(&(job.to_owned(), variant.to_owned(), view))?;
-                (entry.pictures == pictures).then(|| entry.errors.clone())
-            })
-            .collect();
-        Some(Errors { views: views? })
+    /// The errors of a technique's images with a stamp, one item per view; `None` if a view is missing.
+    pub fn errors(&self, job: &str, variant: &str, pictures: u64, views: u32) -> Option<Vec<ViewErrors>> {
+        let of = |view| read_json::<Entry>(&self.file(job, variant, view));
+        let current = |view| of(view).filter(|entry| entry.pictures == pictures);
+        (0..views).map(|view| Some(current(view)?.errors)).collect()
     }
 }
 
@@ -104,60 +62,39 @@ impl ComparisonLog {
 mod tests {
     use super::*;
 
-    fn entry(view: u32, pictures: u64, error: f64) -> Entry {
-        Entry {
-            job: "atrium".into(),
-            variant: "low".into(),
-            view,
-            pictures,
-            reference: Some(3),
-            errors: ViewErrors {
-                final_converged: Some(error),
-                ..ViewErrors::default()
-            },
-        }
-    }
-
-    fn key(view: u32) -> Key {
-        ("atrium".into(), "low".into(), view)
-    }
-
-    #[test]
-    fn lines_survive_the_process() {
-        let out = tempfile::tempdir().unwrap();
-        let file = ComparisonLog::file_in(out.path());
-        let log = ComparisonLog::open(file.clone());
-        assert!(!log.knows(&key(0), 7, Some(3)));
-        log.append(entry(0, 7, 0.5)).unwrap();
-        assert_eq!(log.errors("atrium", "low", 7, 2), None);
-
-        // A truncated line, as after a killed process, loses only itself.
-        let mut cut = fs::File::options().append(true).open(&file).unwrap();
-        cut.write_all(b"{\"job\":\"atrium\",\"vari").unwrap();
-        drop(cut);
-        let log = ComparisonLog::open(file.clone());
-        assert!(log.knows(&key(0), 7, Some(3)));
-        log.append(entry(1, 7, 0.25)).unwrap();
-
-        let log = ComparisonLog::open(file);
-        let errors = log.errors("atrium", "low", 7, 2).unwrap();
-        assert_eq!(errors.values(|view| view.final_converged), [0.5, 0.25]);
-    }
-
     #[test]
     fn errors_of_other_images_do_not_count() {
         let out = tempfile::tempdir().unwrap();
-        let file = ComparisonLog::file_in(out.path());
-        let log = ComparisonLog::open(file.clone());
-        log.append(entry(0, 7, 0.5)).unwrap();
+        let log = ComparisonLog::open(ComparisonLog::file_in(out.path()));
+        let key = |view| ("atrium".to_owned(), "low".to_owned(), view);
+        let append = |view: u32, pictures: u64, error: f64| {
+            let errors = ViewErrors {
+                final_converged: Some(error),
+                ..ViewErrors::default()
+            };
+            let reference = Some(3);
+            let entry = Entry {
+                pictures,
+                reference,
+                errors,
+            };
+            log.append(&key(view), &entry).unwrap();
+        };
+        let found = |pictures: u64, views: u32| -> Option<Vec<Option<f64>>> {
+            let errors = log.errors("atrium", "low", pictures, views)?;
+            Some(errors.iter().map(|view| view.final_converged).collect())
+        };
+        assert!(!log.knows(&key(0), 7, Some(3)));
+        append(0, 7, 0.5);
+        assert_eq!(found(7, 2), None, "the second view is missing");
+        append(1, 7, 0.25);
+        assert_eq!(found(7, 2), Some(vec![Some(0.5), Some(0.25)]));
+        assert!(log.knows(&key(0), 7, Some(3)));
         assert!(!log.knows(&key(0), 8, Some(3)), "the images are new");
         assert!(!log.knows(&key(0), 7, Some(4)), "the reference is new");
         assert!(!log.knows(&key(0), 7, None), "there is no reference any more");
-        assert_eq!(log.errors("atrium", "low", 8, 1), None);
-        // The last line counts.
-        log.append(entry(0, 8, 0.125)).unwrap();
-        let again = ComparisonLog::open(file);
-        let errors = again.errors("atrium", "low", 8, 1).unwrap();
-        assert_eq!(errors.values(|view| view.final_converged), [0.125]);
+        // The last one counts.
+        append(0, 8, 0.125);
+        assert_eq!((found(7, 1), found(8, 1)), (None, Some(vec![Some(0.125)])));
     }
 }

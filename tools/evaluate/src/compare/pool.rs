@@ -30,6 +30,12 @@ struct Task {
     view: u32,
 }
 
+impl Task {
+    fn key(&self) -> Key {
+        (self.job.id(), self.variant.id(), self.view)
+    }
+}
+
 /// Reasons for missing comparisons, by job and technique.
 pub type Problems = BTreeMap<(String, String), String>;
 
@@ -100,14 +106,13 @@ impl ComparisonPool {
                 continue;
             };
             for (view, reference) in (0..).zip(&references) {
-                let key = (job.id(), variant.id(), view);
-                let known = self.shared.log.knows(&key, captured.stamp, *reference);
-                if !known && progress.pending.insert(key) {
-                    let task = Task {
-                        job: job.clone(),
-                        variant: variant.clone(),
-                        view,
-                    };
+                let task = Task {
+                    job: job.clone(),
+                    variant: variant.clone(),
+                    view,
+                };
+                let known = self.shared.log.knows(&task.key(), captured.stamp, *reference);
+                if !known && progress.pending.insert(task.key()) {
                     let shared = self.shared.clone();
                     self.threads.spawn_fifo(move || shared.work(&task));
                 }
@@ -156,11 +161,11 @@ impl Shared {
         // A panic in a library must not end the other comparisons.
         let outcome = catch_unwind(AssertUnwindSafe(|| self.compare(task)));
         let outcome = outcome.unwrap_or_else(|_| Err("the comparison panicked".to_owned()));
-        let (job, variant, view) = (task.job.id(), task.variant.id(), task.view);
         let mut progress = self.lock();
         progress.busy -= 1;
-        progress.pending.remove(&(job.clone(), variant.clone(), view));
+        progress.pending.remove(&task.key());
         if let Err(reason) = outcome {
+            let (job, variant, view) = task.key();
             let reason = format!("its images in view {view} can't be compared: {reason}");
             progress.problems.insert((job, variant), reason);
         }
@@ -173,14 +178,12 @@ impl Shared {
         let captured = Store::new(job).load_captured(variant).ok_or("they are gone")?;
         let reference = Reference::of(job, *view);
         let errors = score(job, variant, *view, reference.as_ref())?;
-        self.log.append(Entry {
-            job: job.id(),
-            variant: variant.id(),
-            view: *view,
+        let entry = Entry {
             pictures: captured.stamp,
             reference: reference.map(|reference| reference.stamp),
             errors,
-        })
+        };
+        self.log.append(&task.key(), &entry)
     }
 }
 
@@ -230,7 +233,7 @@ mod tests {
     }
 
     fn errors(log: &ComparisonLog, technique: &str, stamp: u64) -> Option<ViewErrors> {
-        log.errors("atrium", technique, stamp, 1)?.views.pop()
+        log.errors("atrium", technique, stamp, 1)?.pop()
     }
 
     #[test]

@@ -18,7 +18,7 @@ const BLOCK: usize = 64;
 /// Edge of a tile of the map in pixels.
 const TILE: usize = 8;
 /// Pixels with an outline, or with something that doesn't reflect, closer than this don't count.
-pub const MARGIN: usize = 2;
+const MARGIN: usize = 2;
 /// Minimum relative step of the inverse distance for an outline. On a plane the inverse distance has hardly any step.
 const OUTLINE: f32 = 0.02;
 /// Exposed luminance that a pixel must reflect of a white environment. Half floats of bright frames have steps of this size.
@@ -85,50 +85,46 @@ impl TrueLight {
             .iter()
             .zip(seen)
             .map(|(&counts, object)| counts.then_some(object));
-        let mut light = Self {
-            width,
-            without,
-            cells: Vec::new(),
-            objects: Vec::new(),
-            names: objects.names,
-            halves,
-        };
-        light.find_cells(shown);
-        light
+        Self::with_cells(width, without, halves, objects.names, shown)
     }
 
     /// Finds cells from the object of each pixel, `None` for pixels that don't count. Cells are numbered in the order of rows of pixels.
-    fn find_cells(&mut self, objects: impl Iterator<Item = Option<u16>>) {
-        let (width, columns) = (self.width.max(1), self.width.div_ceil(BLOCK));
+    fn with_cells(
+        width: usize,
+        without: Vec<f32>,
+        halves: [Vec<f32>; 2],
+        names: Vec<String>,
+        shown: impl Iterator<Item = Option<u16>>,
+    ) -> Self {
+        let (row, columns) = (width.max(1), width.div_ceil(BLOCK));
+        let mut objects = Vec::new();
         let mut known = BTreeMap::new();
-        self.objects.clear();
-        self.cells = objects
-            .enumerate()
-            .map(|(index, object)| {
-                let Some(object) = object else { return 0 };
-                let block = index / width / BLOCK * columns + index % width / BLOCK;
-                *known.entry((block, object)).or_insert_with(|| {
-                    self.objects.push(object);
-                    self.objects.len() as u32
-                })
+        let cells = shown.enumerate().map(|(index, object)| {
+            let Some(object) = object else { return 0 };
+            let block = index / row / BLOCK * columns + index % row / BLOCK;
+            *known.entry((block, object)).or_insert_with(|| {
+                objects.push(object);
+                objects.len() as u32
             })
-            .collect();
+        });
+        let cells = cells.collect();
+        Self {
+            width,
+            without,
+            cells,
+            objects,
+            names,
+            halves,
+        }
     }
 
     /// Reads files of [`write`](Self::write). Returns `None` unless they contain an image of that size.
     pub fn read(file: &Path, width: u32, height: u32) -> Option<Self> {
         let (width, pixels) = (width as usize, width as usize * height as usize);
         let [without, objects, first, second] = read_planes(file, pixels)?.try_into().ok()?;
-        let mut light = Self {
-            width,
-            without,
-            cells: Vec::new(),
-            objects: Vec::new(),
-            names: read_json(&names_file(file))?,
-            halves: [first, second],
-        };
-        light.find_cells(objects.iter().map(|object| (*object >= 0.0).then_some(*object as u16)));
-        Some(light)
+        let names = read_json(&names_file(file))?;
+        let shown = objects.iter().map(|object| (*object >= 0.0).then_some(*object as u16));
+        Some(Self::with_cells(width, without, [first, second], names, shown))
     }
 
     /// Writes a file, and another one with the names of objects.

@@ -37,20 +37,6 @@ pub struct ViewErrors {
     pub recovery: [Option<f64>; RECOVERY_FRAMES.len()],
 }
 
-/// The errors of one technique.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Errors {
-    /// One per view.
-    pub views: Vec<ViewErrors>,
-}
-
-impl Errors {
-    /// The values of one measure in those views that have it.
-    pub fn values(&self, get: impl Fn(&ViewErrors) -> Option<f64>) -> Vec<f64> {
-        self.views.iter().filter_map(get).collect()
-    }
-}
-
 /// The images of `reference` that a job's are compared with.
 pub struct Reference {
     folder: PathBuf,

@@ -1,9 +1,11 @@
 //! Charts of error against time, as SVG.
 
 use super::{
-    rows::{Row, significant},
-    stats::pareto_front,
+    dominance::range_of_views,
+    output::Results,
+    rows::{Keyed, Row, of_scene, scenes, significant},
 };
+use crate::{files::write_text, stats::pareto_front};
 use plotters::{
     coord::{
         Shift,
@@ -14,7 +16,11 @@ use plotters::{
     prelude::*,
     style::text_anchor::{HPos, Pos, VPos},
 };
-use std::io;
+use std::{collections::BTreeMap, io};
+use strum::Display;
+
+/// Charts of each scene: a title, and a path from the folder of results.
+pub type ChartFiles = BTreeMap<String, Vec<(String, String)>>;
 
 /// Width and height of a chart in pixels.
 const SIZE: (u32, u32) = (1200, 750);
@@ -34,19 +40,19 @@ const FRONT: RGBColor = RGBColor(0, 158, 115);
 const LABEL: f64 = 14.0;
 
 /// The kind of a technique, which decides its colour. Colour-blind people can distinguish the colours.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Family {
-    /// Techniques that the paper compares.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Display)]
+enum Family {
+    #[strum(to_string = "the paper's techniques")]
     Paper,
-    /// A preset, or a heuristic of the library.
+    #[strum(to_string = "presets and our heuristics")]
     Own,
-    /// Techniques of others.
+    #[strum(to_string = "others")]
     Other,
 }
 
 impl Family {
     /// The family of a technique by name.
-    pub fn of(technique: &str) -> Self {
+    fn of(technique: &str) -> Self {
         match technique {
             "reference" | "quarter" | "quarter-inline" | "vrs-roughness" | "vrs-grazing" | "paper" => Self::Paper,
             "ssr" | "solari" | "off" => Self::Other,
@@ -61,85 +67,113 @@ impl Family {
             Self::Other => RGBColor(110, 110, 110),
         }
     }
-
-    fn name(self) -> &'static str {
-        match self {
-            Self::Paper => "the paper's techniques",
-            Self::Own => "presets and our heuristics",
-            Self::Other => "others",
-        }
-    }
 }
 
 /// One technique in a chart.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Point {
-    /// Its name.
-    pub label: String,
+struct Point {
+    label: String,
     /// Milliseconds, above 0.
-    pub time: f64,
+    time: f64,
     /// The confidence interval of the time.
-    pub time_range: Option<(f64, f64)>,
+    time_range: Option<(f64, f64)>,
     /// The error, at least 0.
-    pub error: f64,
+    error: f64,
     /// The error in the best and in the worst view, or the confidence interval of a single one.
-    pub error_range: Option<(f64, f64)>,
-    /// Its kind.
-    pub family: Family,
+    error_range: Option<(f64, f64)>,
+    family: Family,
     /// Another technique is both faster and closer to the truth, beyond the intervals.
-    pub dominated: bool,
+    dominated: bool,
 }
 
-/// A chart.
+/// A chart of one scene.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Chart {
-    /// The first line.
-    pub title: String,
-    /// The second line.
-    pub subtitle: String,
+struct Chart {
+    title: String,
+    subtitle: String,
     /// The error's name.
-    pub error_name: String,
-    /// The techniques.
-    pub points: Vec<Point>,
+    error_name: String,
+    points: Vec<Point>,
     /// Errors of techniques that take no time, drawn as horizontal lines.
-    pub levels: Vec<(String, f64)>,
+    levels: Vec<(String, f64)>,
 }
 
-/// The chart of one scene, or `None` if no row has both a time and the error.
-pub fn chart(
-    title: &str,
-    subtitle: &str,
-    error_name: &str,
-    rows: &[&Row],
+/// The error of a chart.
+struct Kind {
+    /// A word for the title and the file.
+    word: &'static str,
+    name: &'static str,
     error: fn(&Row) -> Option<f64>,
-    error_range: fn(&Row) -> Option<(f64, f64)>,
-) -> Option<Chart> {
-    let mut chart = Chart {
-        title: title.to_owned(),
-        subtitle: subtitle.to_owned(),
-        error_name: error_name.to_owned(),
-        points: Vec::new(),
-        levels: Vec::new(),
-    };
-    for row in rows {
-        let Some(value) = error(row).filter(|value| value.is_finite()) else {
-            continue;
-        };
-        match row.total_ms {
-            Some(time) if time > 0.0 && time.is_finite() => chart.points.push(Point {
-                label: row.label(),
-                time,
-                time_range: row.total_low_ms.zip(row.total_high_ms),
-                error: value,
-                error_range: error_range(row),
-                family: Family::of(&row.technique),
-                dominated: row.is_dominated(),
-            }),
-            _ if row.technique == "off" => chart.levels.push((row.label(), value)),
-            _ => {}
+    range: fn(&Row) -> Option<(f64, f64)>,
+    /// True if techniques are dominated by this error.
+    dominates: bool,
+}
+
+const KINDS: [Kind; 2] = [
+    Kind {
+        word: "picture",
+        name: "picture",
+        error: |row| row.flip_final_converged,
+        range: |row| row.flip_final_converged_min.zip(row.flip_final_converged_max),
+        dominates: false,
+    },
+    Kind {
+        word: "reflection",
+        name: "reflection alone",
+        error: |row| row.flip_reflection_converged,
+        range: range_of_views,
+        dominates: true,
+    },
+];
+
+/// Draws two charts per scene: of the image and of the reflection alone.
+pub fn write_charts(results: &Results) -> Result<ChartFiles, String> {
+    let (protocol, adapter) = (results.protocol, &results.machine.adapter);
+    let subtitle = format!("{}x{}, {adapter}", protocol.width, protocol.height);
+    let rows = &results.tables.rows;
+    let mut files = ChartFiles::new();
+    for scene in scenes(rows) {
+        for kind in &KINDS {
+            if let Some(chart) = Chart::new(scene, &subtitle, kind, &of_scene(rows, scene)) {
+                let file = format!("charts/{scene}.{}.svg", kind.word);
+                write_text(&results.out.join(&file), &svg(&chart)?)?;
+                files.entry(scene.to_owned()).or_default().push((chart.title, file));
+            }
         }
     }
-    (!chart.points.is_empty()).then_some(chart)
+    Ok(files)
+}
+
+impl Chart {
+    /// `None` if no row has both a time and the error.
+    fn new(scene: &str, subtitle: &str, kind: &Kind, rows: &[&Row]) -> Option<Self> {
+        let mut chart = Self {
+            title: format!("{scene}: error of the {} against GPU time", kind.word),
+            subtitle: subtitle.to_owned(),
+            error_name: format!("mean FLIP of the {} against the ground truth", kind.name),
+            points: Vec::new(),
+            levels: Vec::new(),
+        };
+        for row in rows {
+            let Some(error) = (kind.error)(row).filter(|value| value.is_finite()) else {
+                continue;
+            };
+            match row.total_ms {
+                Some(time) if time > 0.0 && time.is_finite() => chart.points.push(Point {
+                    label: row.label(),
+                    time,
+                    time_range: row.total_low_ms.zip(row.total_high_ms),
+                    error,
+                    error_range: (kind.range)(row),
+                    family: Family::of(&row.technique),
+                    dominated: kind.dominates && row.is_dominated(),
+                }),
+                _ if row.technique == "off" => chart.levels.push((row.label(), error)),
+                _ => {}
+            }
+        }
+        (!chart.points.is_empty()).then_some(chart)
+    }
 }
 
 type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
@@ -147,7 +181,7 @@ type Plot<'a> = ChartContext<'a, SVGBackend<'a>, Cartesian2d<WithKeyPoints<LogCo
 type Drawn = Result<(), DrawingAreaErrorKind<io::Error>>;
 
 /// The chart as an SVG document.
-pub fn svg(chart: &Chart) -> Result<String, String> {
+fn svg(chart: &Chart) -> Result<String, String> {
     let mut text = String::new();
     let area = SVGBackend::with_string(&mut text, SIZE).into_drawing_area();
     draw(&area, chart).map_err(|error| format!("a chart can't be drawn: {error}"))?;
@@ -344,8 +378,8 @@ fn legend(area: &Area<'_>, chart: &Chart) -> Drawn {
             continue;
         }
         area.draw(&Circle::new((x + 6, Y), 5, family.color().filled()))?;
-        area.draw_text(family.name(), &style, (x + 16, Y))?;
-        x += 46 + area.estimate_text_size(family.name(), &style)?.0 as i32;
+        area.draw_text(&family.to_string(), &style, (x + 16, Y))?;
+        x += 46 + area.estimate_text_size(&family.to_string(), &style)?.0 as i32;
     }
     area.draw(&PathElement::new([(x, Y), (x + 26, Y)], FRONT.stroke_width(2)))?;
     let text = "Pareto front (filled): nothing is both faster and closer";
@@ -363,51 +397,28 @@ mod tests {
     use super::*;
 
     fn rows() -> Vec<Row> {
-        let row = |technique: &str, time: f64, error: f64| Row {
+        let row = |(technique, time, error): (&str, f64, f64)| Row {
             total_low_ms: Some(time * 0.98),
             total_high_ms: Some(time * 1.02),
             ..Row::example("atrium", technique, time, error)
         };
-        vec![
-            row("off", 0.0, 0.09),
-            row("reference", 1.363, 0.01),
-            row("quarter", 0.971, 0.02),
-            row("vrs-roughness", 0.677, 0.024),
-            row("low", 0.6, 0.03),
-            row("ssr", 0.9, 0.06),
-        ]
+        let rows = [("off", 0.0, 0.09), ("reference", 1.363, 0.01), ("quarter", 0.971, 0.02)];
+        let others = [("vrs-roughness", 0.677, 0.024), ("low", 0.6, 0.03), ("ssr", 0.9, 0.06)];
+        rows.into_iter().chain(others).map(row).collect()
     }
 
-    fn example() -> Chart {
-        let rows = rows();
+    fn chart(rows: &[Row]) -> Option<Chart> {
         let rows: Vec<&Row> = rows.iter().collect();
-        chart(
-            "atrium",
-            "a <GPU> & more",
-            "mean FLIP",
-            &rows,
-            |row| row.flip_final_converged,
-            |_| None,
-        )
-        .unwrap()
+        Chart::new("atrium", "a <GPU> & more", &KINDS[0], &rows)
     }
 
     #[test]
     fn a_chart_names_every_technique() {
-        let chart = example();
+        let chart = chart(&rows()).unwrap();
         assert_eq!((chart.points.len(), chart.levels.len()), (5, 1));
         let text = svg(&chart).unwrap();
         assert!(text.starts_with("<svg") && text.trim_end().ends_with("</svg>"));
-        for name in [
-            "reference",
-            "quarter",
-            "vrs-roughness",
-            "low",
-            "ssr",
-            "off",
-            "Pareto",
-            "&lt;GPU&gt; &amp; more",
-        ] {
+        for name in "reference quarter vrs-roughness low ssr off Pareto &lt;GPU&gt;".split(' ') {
             assert!(text.contains(name), "{name}");
         }
         // On the front are three of the techniques: filled circles, besides those of the legend.
@@ -421,13 +432,12 @@ mod tests {
     fn without_times_there_is_no_chart() {
         let mut rows = rows();
         rows.iter_mut().for_each(|row| row.total_ms = None);
-        let rows: Vec<&Row> = rows.iter().collect();
-        assert_eq!(chart("", "", "", &rows, |row| row.flip_final_converged, |_| None), None);
+        assert_eq!(chart(&rows), None);
     }
 
     #[test]
     fn a_single_point_can_be_drawn() {
-        let mut chart = example();
+        let mut chart = chart(&rows()).unwrap();
         chart.points.truncate(1);
         chart.levels.clear();
         chart.points[0].error = 0.0;
@@ -436,13 +446,8 @@ mod tests {
 
     #[test]
     fn ticks_are_round() {
-        let times = |low, high| {
-            Frame {
-                time: (low, high),
-                error: 1.0,
-            }
-            .times()
-        };
+        let frame = |time| Frame { time, error: 1.0 };
+        let times = |low, high| frame((low, high)).times();
         assert_eq!(times(0.3, 6.0), [0.5, 1.0, 2.0, 5.0]);
         assert_eq!(times(1.1, 1.6)[0], 1.1);
     }

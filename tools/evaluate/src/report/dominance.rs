@@ -1,10 +1,7 @@
 //! Intervals of the reflection's error over views and runs, and the techniques that others dominate beyond them.
 
-use super::{
-    rows::{Row, significant},
-    stats::{Interval, mean, t_quantile},
-};
-use std::fmt::Write;
+use super::rows::{Keyed, Row, columns, significant};
+use crate::stats::{Estimate, Variance, mean, mean_and_variance, student};
 
 const DIGITS: i32 = 4;
 
@@ -29,38 +26,14 @@ fn from_text(text: &str) -> Vec<Vec<f64>> {
     text.split('|').map(view).collect::<Option<_>>().unwrap_or_default()
 }
 
-/// Mean, and the variance of that mean with its degrees of freedom; `None` for a single value.
-fn mean_with_variance(values: &[f64]) -> Option<(f64, Option<(f64, f64)>)> {
-    let center = mean(values)?;
-    let freedom = values.len() as f64 - 1.0;
-    let squares: f64 = values.iter().map(|value| (value - center).powi(2)).sum();
-    let variance = (freedom > 0.0).then(|| (squares / freedom / values.len() as f64, freedom));
-    Some((center, variance))
-}
-
-fn around(center: f64, variance: f64, freedom: f64) -> Interval {
-    let half = t_quantile(freedom) * variance.sqrt();
-    Interval {
-        low: center - half,
-        high: center + half,
-    }
-}
-
 /// The mean error over views and its 95 % interval. Several views are a sample of the scene's possible views: their means, each over its
 /// runs, differ by place and by noise, and Student's distribution covers both. A single view has the interval of its runs.
-pub fn mean_error(views: &[Vec<f64>]) -> Option<(f64, Option<Interval>)> {
+pub fn mean_error(views: &[Vec<f64>]) -> Option<Estimate> {
     let means: Vec<f64> = views.iter().filter_map(|runs| mean(runs)).collect();
-    let sample = if let [runs] = views { runs } else { &means };
-    let (center, variance) = mean_with_variance(sample)?;
-    let interval = variance.map(|(variance, freedom)| {
-        let Interval { low, high } = around(center, variance, freedom);
-        // No error is below zero.
-        Interval {
-            low: low.max(0.0),
-            high,
-        }
-    });
-    Some((center, interval))
+    let mut error = student(if let [runs] = views { runs } else { &means })?;
+    // No error is below zero.
+    error.interval = error.interval.map(|(low, high)| (low.max(0.0), high));
+    Some(error)
 }
 
 /// The reflection's error in the best and in the worst view, or the interval of a single one. The interval over few views is far wider than
@@ -70,46 +43,32 @@ pub fn range_of_views(row: &Row) -> Option<(f64, f64)> {
     if views.len() < 2 {
         return row.reflection_interval();
     }
-    let means = views.iter().filter_map(|runs| mean(runs));
-    means.fold(None, |range, view| {
-        let (low, high) = range.unwrap_or((view, view));
-        Some((low.min(view), high.max(view)))
-    })
+    let means = || views.iter().filter_map(|runs| mean(runs));
+    means().reduce(f64::min).zip(means().reduce(f64::max))
 }
 
 /// The ratio of two techniques' errors and its 95 % interval. Views are paired, so that places that are hard for both cancel out. The
 /// estimate is the geometric mean. A single view has the interval of both techniques' runs.
-fn error_ratio(a: &[Vec<f64>], b: &[Vec<f64>]) -> Option<(f64, Option<Interval>)> {
+fn error_ratio(a: &[Vec<f64>], b: &[Vec<f64>]) -> Option<Estimate> {
     if a.len() != b.len() {
         return None;
     }
-    let both = a.iter().zip(b).map(|(a, b)| Some((mean(a)?, mean(b)?)));
-    let both: Option<Vec<(f64, f64)>> = both.collect();
-    let both = both.filter(|pairs| pairs.iter().all(|(a, b)| *a > 0.0 && *b > 0.0))?;
-    let logs: Vec<f64> = both.iter().map(|(a, b)| (a / b).ln()).collect();
-    let (center, variance) = mean_with_variance(&logs)?;
-    let interval = match (variance, a, b) {
-        (Some((variance, freedom)), ..) => Some(around(center, variance, freedom)),
-        // The variance of a logarithm is the variance of the value over its square; degrees of freedom by Welch and Satterthwaite.
-        (None, [a], [b]) => {
-            let of = |runs: &[f64]| {
-                let (center, variance) = mean_with_variance(runs)?;
-                let (variance, freedom) = variance?;
-                Some((variance / (center * center), freedom))
-            };
-            of(a).zip(of(b)).map(|((a, freedom_a), (b, freedom_b))| {
-                let squares = a * a / freedom_a + b * b / freedom_b;
-                let freedom = if squares > 0.0 { (a + b).powi(2) / squares } else { 1.0 };
-                around(center, a + b, freedom)
-            })
+    let log = |runs: &Vec<f64>| mean(runs).filter(|error| *error > 0.0).map(f64::ln);
+    let logs: Option<Vec<f64>> = a.iter().zip(b).map(|(a, b)| Some(log(a)? - log(b)?)).collect();
+    let mut ratio = student(&logs?)?;
+    if let ([a], [b]) = (a, b)
+        && a.len().min(b.len()) > 1
+    {
+        let mut variance = Variance::default();
+        for runs in [a, b] {
+            let (mean, square) = mean_and_variance(runs.iter().copied());
+            let count = runs.len() as f64;
+            // The variance of a logarithm is the variance of the value over its square.
+            variance.add(square / count / (mean * mean), count - 1.0);
         }
-        _ => None,
-    };
-    let interval = interval.map(|interval| Interval {
-        low: interval.low.exp(),
-        high: interval.high.exp(),
-    });
-    Some((center.exp(), interval))
+        ratio.interval = Some(variance.around(ratio.value));
+    }
+    Some(ratio.map(f64::exp))
 }
 
 /// Returns whether the time of a row is shorter than that of another one beyond the intervals of both.
@@ -137,79 +96,41 @@ fn is_comparable(row: &Row, other: &Row) -> bool {
 /// nothing. Rows of older versions have no such errors, and don't change.
 pub fn fill(rows: &mut [Row]) {
     let samples: Vec<Vec<Vec<f64>>> = rows.iter().map(|row| from_text(&row.flip_reflection_runs)).collect();
-    let digits = |value: f64| significant(value, DIGITS);
     for index in 0..rows.len() {
-        if samples[index].is_empty() {
+        let (row, sample) = (&rows[index], &samples[index]);
+        if sample.is_empty() {
             continue;
         }
-        let interval = mean_error(&samples[index]).and_then(|(_, interval)| interval);
-        let base = (0..rows.len()).find(|&other| {
-            rows[other].technique == BASE && is_comparable(&rows[index], &rows[other]) && !samples[other].is_empty()
-        });
-        let ratio = base.and_then(|base| error_ratio(&samples[index], &samples[base]));
-        let is_base = base == Some(index);
-        let better: Vec<String> = (0..rows.len())
-            .filter(|&other| {
-                samples[index].len() > 1
-                    && is_comparable(&rows[index], &rows[other])
-                    && is_faster(&rows[other], &rows[index])
-                    && error_ratio(&samples[other], &samples[index])
-                        .and_then(|(_, interval)| interval)
-                        .is_some_and(|interval| interval.high < 1.0)
-            })
-            .map(|other| rows[other].label())
-            .collect();
+        let comparable = || (0..rows.len()).filter(|&other| is_comparable(row, &rows[other]));
+        let base = comparable().find(|&other| rows[other].technique == BASE && !samples[other].is_empty());
+        let ratio = base.and_then(|base| error_ratio(sample, &samples[base]));
+        let is_closer = |other: usize| {
+            let interval = error_ratio(&samples[other], sample).and_then(|ratio| ratio.interval);
+            interval.is_some_and(|(_, high)| high < 1.0)
+        };
+        let better = comparable()
+            .filter(|&other| sample.len() > 1 && is_faster(&rows[other], row) && is_closer(other))
+            .map(|other| rows[other].label());
+        let better: Vec<String> = better.collect();
         let row = &mut rows[index];
-        row.flip_reflection_low = interval.map(|interval| digits(interval.low));
-        row.flip_reflection_high = interval.map(|interval| digits(interval.high));
-        row.flip_reflection_ratio = ratio.map(|(ratio, _)| digits(ratio));
-        let interval = ratio.and_then(|(_, interval)| interval).filter(|_| !is_base);
-        row.flip_reflection_ratio_low = interval.map(|interval| digits(interval.low));
-        row.flip_reflection_ratio_high = interval.map(|interval| digits(interval.high));
+        [_, row.flip_reflection_low, row.flip_reflection_high] = columns(mean_error(sample), DIGITS);
+        [
+            row.flip_reflection_ratio,
+            row.flip_reflection_ratio_low,
+            row.flip_reflection_ratio_high,
+        ] = columns(ratio, DIGITS);
+        if base == Some(index) {
+            (row.flip_reflection_ratio_low, row.flip_reflection_ratio_high) = (None, None);
+        }
         row.dominated_by = better.join(", ");
     }
-}
-
-/// The section of the summary; empty for results of older versions.
-pub fn section(rows: &[Row]) -> String {
-    let known = rows.iter().any(|row| row.is_ok() && row.flip_reflection_low.is_some());
-    if !known {
-        return String::new();
-    }
-    let mut text = "## Which techniques are dominated?\n\nAnother one is both faster and closer to the truth: by the 95 % intervals of both \
-                    times, and of the ratio of their FLIP of the reflection: the geometric mean of the ratios in each view. Intervals are \
-                    Student's over the means of views; with fewer than three views they are wide, and few techniques can be marked. A \
-                    single view marks none: its intervals are those of noise alone.\n\n"
-        .to_owned();
-    let dominated: Vec<&Row> = rows.iter().filter(|row| !row.dominated_by.is_empty()).collect();
-    if dominated.is_empty() {
-        text.push_str("None is, as far as these views and runs can tell.\n\n");
-        return text;
-    }
-    text.push_str("| scene | technique | tracer | dominated by |\n|---|---|---|---|\n");
-    for row in dominated {
-        let _ = writeln!(
-            text,
-            "| {} | {} | {} | {} |",
-            row.scene,
-            row.label(),
-            row.tracer,
-            row.dominated_by
-        );
-    }
-    text.push('\n');
-    text
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::stats::normal;
     use glint_scenes::Random;
-
-    /// About normal, with a variance of 1.
-    fn normal(random: &mut Random) -> f64 {
-        (0..12).map(|_| f64::from(random.unit())).sum::<f64>() - 6.0
-    }
 
     /// Errors of a technique in views of different difficulty.
     fn views(random: &mut Random, places: &[f64], factor: f64, noise: f64) -> Vec<Vec<f64>> {
@@ -264,9 +185,9 @@ mod tests {
                 views(&mut random, &places, 0.8, 0.05),
                 views(&mut random, &places, 1.0, 0.05),
             );
-            let holds = |found: Option<(f64, Option<Interval>)>, value: f64| {
-                let interval = found.unwrap().1.unwrap();
-                u32::from((interval.low..=interval.high).contains(&value))
+            let holds = |found: Option<Estimate>, value: f64| {
+                let (low, high) = found.unwrap().interval.unwrap();
+                u32::from((low..=high).contains(&value))
             };
             held += holds(mean_error(&b), 0.05);
             held_ratio += holds(error_ratio(&a, &b), 0.8);
@@ -290,16 +211,16 @@ mod tests {
             views(&mut random, &places, 0.9, 0.01),
             views(&mut random, &places, 1.0, 0.01),
         );
-        let (ratio, interval) = error_ratio(&a, &b).unwrap();
-        let interval = interval.unwrap();
+        let ratio = error_ratio(&a, &b).unwrap();
+        let (low, high) = ratio.interval.unwrap();
         assert!(
-            (ratio - 0.9).abs() < 0.02 && interval.high < 0.95 && interval.low > 0.85,
-            "{interval:?}"
+            (ratio.value - 0.9).abs() < 0.02 && high < 0.95 && low > 0.85,
+            "{ratio:?}"
         );
-        let unpaired = mean_error(&a).unwrap().1.unwrap();
-        assert!(unpaired.high - unpaired.low > 0.05, "{unpaired:?}");
+        let (low, high) = mean_error(&a).unwrap().interval.unwrap();
+        assert!(high - low > 0.05, "unpaired: {low} to {high}");
         assert_eq!(error_ratio(&a, &b[1..]), None);
-        assert_eq!(mean_error(&[vec![0.1]]), Some((0.1, None)), "of one run");
+        assert_eq!(mean_error(&[vec![0.1]]).unwrap().interval, None, "of one run");
     }
 
     #[test]
@@ -336,16 +257,10 @@ mod tests {
             (rows[2].flip_reflection_ratio, rows[2].flip_reflection_ratio_low),
             (Some(1.0), None)
         );
-        let text = section(&rows);
-        assert!(
-            text.contains("| street | vrs-grazing | bvh | quarter, vrs-roughness, low |"),
-            "{text}"
-        );
         // With another tracer, or in another scene, no technique is dominated.
         rows[3].tracer = "ray-query".into();
         fill(&mut rows);
         assert_eq!(rows[3].dominated_by, "");
-        assert!(section(&rows[1..3]).contains("None is"));
     }
 
     #[test]
@@ -378,13 +293,12 @@ mod tests {
         fill(&mut rows);
         assert_eq!(rows[1].dominated_by, "");
         assert!(rows[1].flip_reflection_ratio_low.unwrap() > 1.0, "{:?}", rows[1]);
-        assert!(section(&rows).contains("single view"), "{}", section(&rows));
     }
 
     #[test]
     fn errors_are_not_below_zero() {
-        let interval = mean_error(&[vec![0.01], vec![0.2]]).unwrap().1.unwrap();
-        assert!(interval.low == 0.0 && interval.high > 1.0, "{interval:?}");
+        let (low, high) = mean_error(&[vec![0.01], vec![0.2]]).unwrap().interval.unwrap();
+        assert!(low == 0.0 && high > 1.0, "{low} to {high}");
     }
 
     #[test]
@@ -396,6 +310,5 @@ mod tests {
         let before = rows.clone();
         fill(&mut rows);
         assert_eq!(rows, before);
-        assert_eq!(section(&rows), "");
     }
 }

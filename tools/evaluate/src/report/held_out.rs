@@ -1,11 +1,11 @@
 //! Scenes that settings aren't tuned on: time and error of each technique relative to `quarter`, and their means over the scenes.
 
 use super::{
-    rows::{Row, number, scenes},
-    stats::mean,
+    markdown::{number, signed, table},
+    rows::{Keyed, Row, scenes},
 };
+use crate::stats::mean;
 use glint_scenes::SceneName;
-use std::fmt::Write;
 
 /// The file with this table alone, in the folder of results.
 pub const FILE: &str = "held_out.md";
@@ -18,10 +18,6 @@ const QUANTITIES: [&str; 4] = ["time", "FLIP", "light", "static light"];
 
 /// Values of a technique in a scene, in the order of [`QUANTITIES`].
 type Values = [Option<f64>; QUANTITIES.len()];
-
-fn is_held_out(row: &Row) -> bool {
-    SceneName::HELD_OUT.iter().any(|scene| scene.as_str() == row.scene)
-}
 
 /// Time and error in percent of the base with the row's tracer, and biases in percent of the reflected light.
 fn values(row: &Row, rows: &[Row]) -> Values {
@@ -53,81 +49,54 @@ fn mean_of(quantity: usize, values: &[Values]) -> Option<f64> {
     }
 }
 
-fn cells(values: &Values, sign: bool, text: &mut String) {
-    for (quantity, value) in values.iter().enumerate() {
-        let _ = match value {
-            Some(value) if quantity > 1 && sign => write!(text, " {value:+.2} |"),
-            _ => write!(text, " {} |", number(*value, if quantity > 1 { 2 } else { 1 })),
-        };
-    }
-}
-
 /// A section with the table; empty if no such scene was measured.
 pub fn section(rows: &[Row]) -> String {
-    let rows: Vec<Row> = rows
-        .iter()
-        .filter(|row| row.is_ok() && is_held_out(row))
-        .cloned()
-        .collect();
-    let measured = scenes(&rows);
-    let names: Vec<&str> = SceneName::HELD_OUT
-        .map(SceneName::as_str)
-        .into_iter()
-        .filter(|scene| measured.contains(scene))
-        .collect();
+    let measured = scenes(rows.iter().filter(|row| row.is_ok()));
+    let names = SceneName::HELD_OUT.map(SceneName::as_str);
+    let (names, missing): (Vec<&str>, Vec<&str>) = names.into_iter().partition(|scene| measured.contains(scene));
     if names.is_empty() {
         return String::new();
     }
-    let column = |row: &Row| match row.tracer.as_str() {
+    let is_shown = |row: &&Row| row.is_ok() && names.contains(&&*row.scene);
+    let label = |row: &Row| match row.tracer.as_str() {
         "-" => row.label(),
         tracer => format!("{}, {tracer}", row.label()),
     };
-    let mut columns: Vec<String> = Vec::new();
-    for row in &rows {
-        let column = column(row);
-        if !columns.contains(&column) {
-            columns.push(column);
+    let mut labels: Vec<String> = Vec::new();
+    for row in rows.iter().filter(is_shown) {
+        let label = label(row);
+        if !labels.contains(&label) {
+            labels.push(label);
         }
     }
-    let in_scene = |scene: &str| -> Vec<Values> {
-        let value = |name: &String| {
-            let row = rows.iter().find(|row| row.scene == scene && column(row) == *name);
-            row.map_or_else(Values::default, |row| values(row, &rows))
-        };
-        columns.iter().map(value).collect()
+    let of = |scene: &str, name: &String| -> Values {
+        let row = rows
+            .iter()
+            .filter(is_shown)
+            .find(|row| row.scene == scene && label(row) == *name);
+        row.map_or_else(Values::default, |row| values(row, rows))
     };
-    let table: Vec<Vec<Values>> = names.iter().map(|scene| in_scene(scene)).collect();
-    let mut text = format!(
-        "## Scenes that settings aren't tuned on\n\nGPU time of the technique's passes, and mean FLIP of the reflection alone against the \
-         ground truth in motion, in percent of `{BASE}`; bias of the reflected light in motion and static, in percent of that light. The \
-         last rows have the geometric means of times and errors, and the means of absolute biases.\n\n| scene | technique | {} |\n|---|---|{}\n",
-        QUANTITIES.join(" | "),
-        "---:|".repeat(QUANTITIES.len())
-    );
-    for (scene, line) in names.iter().zip(&table) {
-        for (name, values) in columns.iter().zip(line) {
-            let _ = write!(text, "| {scene} | {name} |");
-            cells(values, true, &mut text);
-            text.push('\n');
-        }
+    let line = |scene: &str, name: &String, values: Values, bias: fn(Option<f64>) -> String| {
+        let [time, error, light, still] = values;
+        let cells = [number(time, 1), number(error, 1), bias(light), bias(still)];
+        [scene.to_owned(), name.clone()].into_iter().chain(cells).collect()
+    };
+    let mut lines = Vec::new();
+    for scene in &names {
+        lines.extend(labels.iter().map(|name| line(scene, name, of(scene, name), signed)));
     }
-    for (index, name) in columns.iter().enumerate() {
-        let of_column: Vec<Values> = table.iter().map(|line| line[index]).collect();
-        let means = std::array::from_fn(|quantity| mean_of(quantity, &of_column));
-        let _ = write!(text, "| **mean** | {name} |");
-        cells(&means, false, &mut text);
-        text.push('\n');
+    for name in &labels {
+        let values: Vec<Values> = names.iter().map(|scene| of(scene, name)).collect();
+        let means = std::array::from_fn(|quantity| mean_of(quantity, &values));
+        lines.push(line("**mean**", name, means, |bias| number(bias, 2)));
     }
-    let missing: Vec<&str> = SceneName::HELD_OUT
-        .map(SceneName::as_str)
-        .into_iter()
-        .filter(|scene| !names.contains(scene))
-        .collect();
-    if !missing.is_empty() {
-        let _ = writeln!(text, "\nNot measured: {}.", missing.join(", "));
-    }
-    text.push('\n');
-    text
+    let heads = ["scene", "technique"].into_iter().chain(QUANTITIES);
+    let table = table(&heads.collect::<Vec<_>>(), &lines);
+    let missing = match missing.join(", ") {
+        missing if missing.is_empty() => missing,
+        missing => format!("Not measured: {missing}.\n\n"),
+    };
+    format!("## Scenes that settings aren't tuned on, in percent of `{BASE}`\n\n{table}\n{missing}")
 }
 
 #[cfg(test)]

@@ -1,19 +1,17 @@
-//! Results: rows and statistics of the measurements, and the tables, charts and texts made of them.
+//! Results: rows of the measurements, and the tables and charts made of them.
 
-mod analysis;
 mod charts;
 mod decomposition;
 mod dominance;
 mod held_out;
 mod light_bias;
+mod markdown;
 mod objects;
 pub mod output;
 mod paper;
-mod pareto;
 mod readme;
 pub mod regressions;
 pub mod rows;
-mod stats;
-mod summary;
+pub mod summary;
 pub mod table;
 pub mod tables;

@@ -1,64 +1,47 @@
 //! The bias of the light that each named object reflects. In the sum over a scene, an object that is too bright hides one that is too dark.
 
 use super::{
-    light_bias::{LightBias, light_bias},
-    rows::{Row, scenes, significant},
+    light_bias::light_bias,
+    markdown::{number, percent, range, section, signed},
+    rows::{Keyed, Row, columns, significant},
 };
 use crate::state::{ShownSums, TrueSums};
 use serde::{Deserialize, Serialize};
-use std::fmt::Write;
 
 /// Objects with less of a scene's reflected light than this have no row in the summary, in percent.
 const LEAST_SHARE: f64 = 0.5;
 const DIGITS: i32 = 4;
 
-/// One technique on one object, as in `objects.csv`.
+/// One technique on one object, as in `objects.csv`, which `columns.md` explains.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct ObjectRow {
-    /// The scene.
     pub scene: String,
-    /// The technique or preset.
     pub technique: String,
-    /// As in [`Row`].
     pub backend: String,
-    /// As in [`Row`].
     pub tracer: String,
-    /// Name of the object.
     pub object: String,
-    /// Its share of the light that reflections add to the scene by the ground truth, in percent.
     pub share_percent: f64,
-    /// Bias of the light that it reflects, in motion, in percent of that light.
     pub light_bias_percent: Option<f64>,
-    /// Lower end of its 95 % confidence interval.
     pub light_bias_low: Option<f64>,
-    /// Upper end of it.
     pub light_bias_high: Option<f64>,
-    /// The bias after static frames.
     pub static_light_bias_percent: Option<f64>,
-    /// Lower end of its 95 % confidence interval.
     pub static_light_bias_low: Option<f64>,
-    /// Upper end of it.
     pub static_light_bias_high: Option<f64>,
 }
 
-impl ObjectRow {
-    fn is_of(&self, row: &Row) -> bool {
-        (&*self.scene, &*self.technique, &*self.backend, &*self.tracer) == row.key()
+impl Keyed for ObjectRow {
+    fn key(&self) -> [&str; 4] {
+        [&self.scene, &self.technique, &self.backend, &self.tracer]
     }
 }
 
 /// The cells of an object in sums over cells.
 fn of_object(sums: &[f64], truth: &TrueSums, name: &str) -> Vec<f64> {
-    let is_object = |object: &u16| {
-        usize::from(*object)
-            .checked_sub(1)
-            .and_then(|index| truth.names.get(index))
-            .is_some_and(|of| of == name)
-    };
-    let pairs = sums.iter().zip(&truth.objects);
-    pairs
-        .filter(|(_, object)| is_object(object))
+    let cells = sums.iter().zip(&truth.objects);
+    let shows = |object: u16| object > 0 && truth.names.get(usize::from(object) - 1).is_some_and(|of| of == name);
+    cells
+        .filter(|(_, object)| shows(**object))
         .map(|(sum, _)| *sum)
         .collect()
 }
@@ -68,122 +51,69 @@ pub fn rows(row: &Row, truth: &[TrueSums], shown: &[ShownSums]) -> Vec<ObjectRow
     let mut names: Vec<&String> = truth.iter().flat_map(|view| &view.names).collect();
     names.sort();
     names.dedup();
-    let light = |truth: &TrueSums| 0.5 * truth.halves.iter().flatten().sum::<f64>();
-    let all: f64 = truth.iter().map(light).sum();
+    let light = |truth: &[TrueSums]| truth.iter().flat_map(|view| &view.halves).flatten().sum::<f64>();
     let mut rows = Vec::new();
     for name in names {
-        let part: Vec<TrueSums> = truth
-            .iter()
-            .map(|view| TrueSums {
-                halves: [0, 1].map(|half| of_object(&view.halves[half], view, name)),
-                ..TrueSums::default()
-            })
-            .collect();
-        let bias = |runs: fn(&ShownSums) -> &[Vec<f64>]| -> Option<LightBias> {
-            let of_view = |(truth, shown)| -> Vec<Vec<f64>> {
-                runs(shown).iter().map(|sums| of_object(sums, truth, name)).collect()
-            };
-            let runs: Vec<_> = truth.iter().zip(shown).map(of_view).collect();
-            let views: Vec<_> = part.iter().zip(&runs).filter(|(_, runs)| !runs.is_empty()).collect();
-            let views: Vec<_> = views.into_iter().map(|(truth, runs)| (truth, &runs[..])).collect();
-            light_bias(&views)
-        };
-        let Some(motion) = bias(|shown| &shown.motion) else {
+        let cells = |sums: &Vec<f64>, view: &TrueSums| of_object(sums, view, name);
+        let part = truth.iter().map(|view| TrueSums {
+            halves: [0, 1].map(|half| cells(&view.halves[half], view)),
+            ..TrueSums::default()
+        });
+        let part: Vec<TrueSums> = part.collect();
+        let shown = shown.iter().zip(truth).map(|(shown, view)| ShownSums {
+            motion: shown.motion.iter().map(|sums| cells(sums, view)).collect(),
+            still: shown.still.iter().map(|sums| cells(sums, view)).collect(),
+        });
+        let shown: Vec<ShownSums> = shown.collect();
+        let motion = light_bias(&part, &shown, |shown| &shown.motion);
+        if motion.is_none() {
             continue;
-        };
-        let still = bias(|shown| &shown.still);
-        let digits = |value: f64| significant(value, DIGITS);
-        let interval = |bias: &LightBias| bias.interval;
-        rows.push(ObjectRow {
+        }
+        let mut object = ObjectRow {
             scene: row.scene.clone(),
             technique: row.technique.clone(),
             backend: row.backend.clone(),
             tracer: row.tracer.clone(),
             object: name.clone(),
-            share_percent: digits(100.0 * part.iter().map(light).sum::<f64>() / all),
-            light_bias_percent: Some(digits(motion.percent)),
-            light_bias_low: motion.interval.map(|interval| digits(interval.low)),
-            light_bias_high: motion.interval.map(|interval| digits(interval.high)),
-            static_light_bias_percent: still.map(|bias| digits(bias.percent)),
-            static_light_bias_low: still.as_ref().and_then(interval).map(|interval| digits(interval.low)),
-            static_light_bias_high: still.as_ref().and_then(interval).map(|interval| digits(interval.high)),
-        });
+            share_percent: significant(100.0 * light(&part) / light(truth), DIGITS),
+            ..ObjectRow::default()
+        };
+        [object.light_bias_percent, object.light_bias_low, object.light_bias_high] = columns(motion, DIGITS);
+        [
+            object.static_light_bias_percent,
+            object.static_light_bias_low,
+            object.static_light_bias_high,
+        ] = columns(light_bias(&part, &shown, |shown| &shown.still), DIGITS);
+        rows.push(object);
     }
     rows
 }
 
-/// Old rows, except for techniques that were measured again, and new rows.
-pub fn merge(mut old: Vec<ObjectRow>, measured: &[Row], new: Vec<ObjectRow>) -> Vec<ObjectRow> {
-    old.retain(|row| !measured.iter().any(|measured| row.is_of(measured)));
-    old.extend(new);
-    old
-}
-
-/// A section of the summary: a table for each scene with named objects, with a column for each technique.
-pub fn section(rows: &[Row], objects: &[ObjectRow]) -> String {
-    let mut text = String::new();
-    for scene in scenes(rows) {
-        let columns: Vec<&Row> = rows
-            .iter()
-            .filter(|row| row.scene == scene && objects.iter().any(|object| object.is_of(row)))
-            .collect();
-        let Some(first) = columns.first() else { continue };
-        if text.is_empty() {
-            text.push_str(
-                "## Which objects reflect too much or too little?\n\nBias of the reflected light of each object with a name, in motion and \
-                 static, in percent of the light that it reflects by the ground truth; ± is half of the 95 % interval.\n\n",
-            );
-        }
-        let heads = columns.iter().map(|row| format!(" {}, {} |", row.label(), row.tracer));
-        let _ = writeln!(
-            text,
-            "{scene}:\n\n| object | share of the light |{}",
-            heads.collect::<String>()
-        );
-        let _ = writeln!(text, "|---|---:|{}", "---:|".repeat(columns.len()));
-        for object in objects
-            .iter()
-            .filter(|object| object.is_of(first) && object.share_percent >= LEAST_SHARE)
-        {
-            let _ = write!(text, "| {} | {:.1} % |", object.object, object.share_percent);
-            for row in &columns {
-                let found = objects
-                    .iter()
-                    .find(|other| other.is_of(row) && other.object == object.object);
-                let _ = match found {
-                    Some(found) => write!(
-                        text,
-                        " {}, {} |",
-                        cell(
-                            found.light_bias_percent,
-                            found.light_bias_low.zip(found.light_bias_high)
-                        ),
-                        cell(
-                            found.static_light_bias_percent,
-                            found.static_light_bias_low.zip(found.static_light_bias_high)
-                        )
-                    ),
-                    None => write!(text, " - |"),
-                };
-            }
-            text.push('\n');
-        }
-        text.push('\n');
-    }
-    text
-}
-
-fn cell(percent: Option<f64>, interval: Option<(f64, f64)>) -> String {
-    let Some(percent) = percent else { return "-".to_owned() };
-    match interval {
-        Some((low, high)) => format!("{percent:+.1} ±{:.1}", 0.5 * (high - low)),
-        None => format!("{percent:+.1}"),
-    }
+/// A section of the summary: one line for each technique on each object with a name. The techniques of an object follow each other.
+pub fn summary(objects: &[ObjectRow]) -> String {
+    let mut shown: Vec<&ObjectRow> = objects.iter().filter(|row| row.share_percent >= LEAST_SHARE).collect();
+    shown.sort_by_key(|row| (&row.scene, &row.object));
+    section(
+        "Bias of the light that objects reflect",
+        shown,
+        &[
+            ("object", |row| row.object.clone()),
+            ("share of the light", |row| percent(number(Some(row.share_percent), 1))),
+            ("in motion", |row| percent(signed(row.light_bias_percent))),
+            ("95 % sure", |row| {
+                range(row.light_bias_low.zip(row.light_bias_high), signed)
+            }),
+            ("static", |row| percent(signed(row.static_light_bias_percent))),
+            ("95 % sure", |row| {
+                range(row.static_light_bias_low.zip(row.static_light_bias_high), signed)
+            }),
+        ],
+    )
 }
 
 #[cfg(test)]
 mod tests {
-    use super::*;
+    use super::{super::rows::replace, *};
 
     fn row() -> Row {
         Row::example("shapes", "quarter", 1.0, 0.02)
@@ -208,11 +138,13 @@ mod tests {
     #[test]
     fn objects_that_cancel_in_the_sum_show() {
         let rows = measured();
-        let bias: Vec<_> = rows
+        let bias = rows
             .iter()
-            .map(|row| (&*row.object, row.share_percent, row.light_bias_percent))
-            .collect();
-        assert_eq!(bias, [("box", 20.0, Some(10.0)), ("wall", 20.0, Some(-10.0))]);
+            .map(|row| (&*row.object, row.share_percent, row.light_bias_percent));
+        assert_eq!(
+            bias.collect::<Vec<_>>(),
+            [("box", 20.0, Some(10.0)), ("wall", 20.0, Some(-10.0))]
+        );
         assert_eq!(rows[0].static_light_bias_percent, Some(10.0));
         assert!(
             rows[0].light_bias_low.is_some() && rows[0].static_light_bias_low.is_none(),
@@ -222,14 +154,11 @@ mod tests {
 
     #[test]
     fn the_summary_has_a_row_for_each_object() {
-        let objects = measured();
-        let text = section(&[row()], &objects);
-        assert!(
-            text.contains("| object | share of the light | quarter, bvh |"),
-            "{text}"
-        );
-        assert!(text.contains("| box | 20.0 % | +10.0 ±0.0, +10.0 |"), "{text}");
-        assert_eq!(section(&[Row::default()], &objects), "");
+        let mut objects = measured();
+        objects[1].share_percent = 0.4;
+        let text = summary(&objects);
+        let line = "| shapes | quarter | bvh | box | 20.0 % | +10.00 % | +10.00 to +10.00 | +10.00 % | - |\n";
+        assert!(text.contains(line) && !text.contains("wall"), "{text}");
     }
 
     #[test]
@@ -239,7 +168,7 @@ mod tests {
             technique: "reference".into(),
             ..old[0].clone()
         };
-        let merged = merge([&old[..], std::slice::from_ref(&other)].concat(), &[row()], old.clone());
+        let merged = replace([&old[..], std::slice::from_ref(&other)].concat(), &[row()], old.clone());
         assert_eq!(merged, [&[other], &old[..]].concat());
     }
 }

@@ -1,26 +1,26 @@
 //! The paper's measurements (RTX 3090, 1920x1080), shown beside ours.
 
-use super::rows::{Row, number};
-use std::fmt::Write;
+use super::{
+    markdown::{number, section, table},
+    rows::Row,
+};
+use crate::techniques::is_variable;
 
 /// A technique of the paper and the name of ours.
-pub struct PaperTechnique {
+struct PaperTechnique {
     /// Our name.
-    pub ours: &'static str,
+    ours: &'static str,
     /// Milliseconds of the rate image, of the rays and of everything, per scene.
-    pub times: [[f64; 3]; 3],
+    times: [[f64; 3]; 3],
     /// Mean FLIP against the reference of the reflections and of the final image, per scene; `None` for the reference.
-    pub errors: Option<[[f64; 3]; 2]>,
+    errors: Option<[[f64; 3]; 2]>,
 }
 
 /// The paper's scenes and our matching ones.
-pub const SCENES: [(&str, &str); 3] = [("Sponza", "atrium"), ("Sun Temple", "temple"), ("Bistro", "street")];
-
-/// The stages of the paper's table 2.
-pub const STAGES: [&str; 3] = ["rate image", "rays", "total"];
+const SCENES: [(&str, &str); 3] = [("Sponza", "atrium"), ("Sun Temple", "temple"), ("Bistro", "street")];
 
 /// Tables 2 and 3.
-pub const TECHNIQUES: [PaperTechnique; 4] = [
+const TECHNIQUES: [PaperTechnique; 4] = [
     PaperTechnique {
         // "Reference" in the paper.
         ours: "reference",
@@ -47,114 +47,121 @@ pub const TECHNIQUES: [PaperTechnique; 4] = [
     },
 ];
 
-/// Tables 2 and 3, rebuilt with our rows beside the paper's numbers, as Markdown; empty if no such scene was measured.
-pub fn tables(rows: &[Row]) -> String {
-    let mut text = String::new();
-    let columns = columns(rows);
-    if !columns.is_empty() {
-        table_2(rows, &columns, &mut text);
-        table_3(rows, &columns, &mut text);
-    }
-    text
+/// The paper's largest error of a variable rate in the scene that corresponds to ours, with that scene's name.
+fn limit(scene: &str) -> Option<(&'static str, f64)> {
+    let index = SCENES.iter().position(|(_, ours)| *ours == scene)?;
+    let variable = TECHNIQUES.iter().filter(|technique| is_variable(technique.ours));
+    let errors = variable.filter_map(|technique| Some(technique.errors?[0][index]));
+    errors.reduce(f64::max).map(|limit| (SCENES[index].0, limit))
 }
 
-/// A column of our numbers and one of the paper's.
-struct Column {
-    index: usize,
-    theirs: &'static str,
-    ours: &'static str,
-}
-
-/// The scenes that were measured.
-fn columns(rows: &[Row]) -> Vec<Column> {
-    let mut columns = Vec::new();
-    for (index, (theirs, ours)) in SCENES.into_iter().enumerate() {
-        if rows.iter().any(|row| row.scene == ours && row.is_ok()) {
-            columns.push(Column { index, theirs, ours });
-        }
-    }
-    columns
+/// A section with the errors of variable rates beside the paper's largest one. Presets differ from `reference` in more than their rate.
+pub fn limits(rows: &[Row]) -> String {
+    let is_shown = |row: &&Row| {
+        let is_known = limit(&row.scene).is_some() && row.flip_reflection_reference.is_some();
+        row.is_ok() && is_variable(&row.technique) && is_known
+    };
+    section(
+        "Error of the reflection against `reference`: at most the paper's?",
+        rows.iter().filter(is_shown),
+        &[
+            ("ours", |row| number(row.flip_reflection_reference, 4)),
+            ("*the paper's*", |row| {
+                limit(&row.scene).map_or_else(String::new, |(scene, limit)| format!("*{limit:.3}* ({scene})"))
+            }),
+            ("at most that", |row| {
+                let limit = limit(&row.scene).map(|(_, limit)| limit);
+                let holds = row.flip_reflection_reference <= limit;
+                let kind = if row.technique.starts_with("vrs-") {
+                    ""
+                } else {
+                    " (preset)"
+                };
+                format!("{}{kind}", if holds { "yes" } else { "**no**" })
+            }),
+        ],
+    )
 }
 
 /// The row that a cell is about: the first tracer, and compute before hardware.
-fn cell<'a>(rows: &'a [Row], column: &Column, technique: &str) -> Option<&'a Row> {
-    let fits = |row: &&Row| row.is_ok() && row.scene == column.ours && row.technique == technique;
+fn row_of<'a>(rows: &'a [Row], scene: &str, technique: &str) -> Option<&'a Row> {
+    let fits = |row: &&Row| row.is_ok() && row.scene == scene && row.technique == technique;
     let usual = rows.iter().filter(fits).find(|row| row.backend != "hardware");
     usual.or_else(|| rows.iter().find(fits))
 }
 
-fn head(columns: &[Column], text: &mut String) {
-    text.push_str("| |");
-    for column in columns {
-        let _ = write!(text, " {} | *{}* |", column.ours, column.theirs);
+/// A part of a table: its name, our cell by scene and technique, and the paper's by the index of the scene.
+type Part<'a> = (
+    &'a str,
+    &'a dyn Fn(&str, &str) -> String,
+    &'a dyn Fn(&PaperTechnique, usize) -> Option<String>,
+);
+
+/// Tables 2 and 3, rebuilt with our rows beside the paper's numbers, as Markdown; empty if no such scene was measured.
+pub fn tables(rows: &[Row]) -> String {
+    let value = |get: fn(&Row) -> Option<f64>, decimals: usize| {
+        move |scene: &str, technique: &str| number(row_of(rows, scene, technique).and_then(get), decimals)
+    };
+    let time =
+        |stage: usize| move |theirs: &PaperTechnique, index: usize| Some(format!("{:.3}", theirs.times[stage][index]));
+    let error =
+        |kind: usize| move |theirs: &PaperTechnique, index: usize| Some(format!("{:.3}", theirs.errors?[kind][index]));
+    let total = |scene: &str, technique: &str| row_of(rows, scene, technique)?.total_ms.filter(|total| *total > 0.0);
+    let share = |scene: &str, technique: &str| {
+        let share = total(scene, technique).zip(total(scene, "quarter"));
+        number(share.map(|(time, quarter)| 100.0 * time / quarter), 1) + " %"
+    };
+    let their_share = |theirs: &PaperTechnique, index: usize| {
+        let share = 100.0 * theirs.times[2][index] / TECHNIQUES[1].times[2][index];
+        Some(format!("{share:.1} %"))
+    };
+    let times: [Part; 4] = [
+        ("rate image", &value(|row| row.rate_ms.or(Some(0.0)), 3), &time(0)),
+        ("rays", &value(|row| row.trace_ms, 3), &time(1)),
+        ("total", &value(|row| row.total_ms, 3), &time(2)),
+        ("total, of quarter", &share, &their_share),
+    ];
+    let errors: [Part; 2] = [
+        (
+            "reflection alone",
+            &value(|row| row.flip_reflection_reference, 4),
+            &error(0),
+        ),
+        ("picture", &value(|row| row.flip_final_reference, 4), &error(1)),
+    ];
+    let times = parts("2: milliseconds, ours and *theirs* (RTX 3090, 1920x1080)", rows, &times);
+    times + &parts("3: mean FLIP against `reference`, ours and *theirs*", rows, &errors)
+}
+
+/// A table with a column of our numbers and one of the paper's for each scene that was measured.
+fn parts(title: &str, rows: &[Row], parts: &[Part]) -> String {
+    let is_measured = |scene: &str| rows.iter().any(|row| row.scene == scene && row.is_ok());
+    let scenes = (0..).zip(SCENES).filter(|(_, (_, ours))| is_measured(ours));
+    let scenes: Vec<(usize, (&str, &str))> = scenes.collect();
+    if scenes.is_empty() {
+        return String::new();
     }
-    text.push_str("\n|---|");
-    text.push_str(&"---:|---:|".repeat(columns.len()));
-    text.push('\n');
-}
-
-fn part(name: &str, columns: &[Column], text: &mut String) {
-    let _ = writeln!(text, "| **{name}** |{}", " | |".repeat(columns.len()));
-}
-
-fn table_2(rows: &[Row], columns: &[Column], text: &mut String) {
-    text.push_str(
-        "## The paper's table 2: milliseconds\n\nOurs, and *the paper's* (RTX 3090, 1920x1080, other scenes of the same kind). \
-         Compare the ratios within a column, not the columns.\n\n",
-    );
-    head(columns, text);
-    for (stage, name) in STAGES.into_iter().enumerate() {
-        part(name, columns, text);
+    let names = scenes
+        .iter()
+        .flat_map(|(_, (theirs, ours))| [(*ours).to_owned(), format!("*{theirs}*")]);
+    let names: Vec<String> = std::iter::once(String::new()).chain(names).collect();
+    let mut lines = Vec::new();
+    for (name, ours, theirs) in parts {
+        let mut head = vec![String::new(); names.len()];
+        head[0] = format!("**{name}**");
+        lines.push(head);
         for technique in &TECHNIQUES {
-            let _ = write!(text, "| {} |", technique.ours);
-            for column in columns {
-                let value = cell(rows, column, technique.ours).and_then(|row| match stage {
-                    0 => row.rate_ms.or(Some(0.0)),
-                    1 => row.trace_ms,
-                    _ => row.total_ms,
-                });
-                let theirs = technique.times[stage][column.index];
-                let _ = write!(text, " {} | *{theirs:.3}* |", number(value, 3));
+            let mut line = vec![technique.ours.to_owned()];
+            for (index, (_, scene)) in &scenes {
+                let Some(theirs) = theirs(technique, *index) else { break };
+                line.extend([ours(scene, technique.ours), format!("*{theirs}*")]);
             }
-            text.push('\n');
-        }
-    }
-    part("total, of quarter", columns, text);
-    for technique in &TECHNIQUES {
-        let _ = write!(text, "| {} |", technique.ours);
-        for column in columns {
-            let total = |name: &str| cell(rows, column, name)?.total_ms.filter(|total| *total > 0.0);
-            let share = total(technique.ours).zip(total("quarter")).map(|(a, b)| 100.0 * a / b);
-            let theirs = 100.0 * technique.times[2][column.index] / TECHNIQUES[1].times[2][column.index];
-            let _ = write!(text, " {} % | *{theirs:.1} %* |", number(share, 1));
-        }
-        text.push('\n');
-    }
-    text.push('\n');
-}
-
-fn table_3(rows: &[Row], columns: &[Column], text: &mut String) {
-    text.push_str("## The paper's table 3: mean FLIP against `reference`\n\nOurs, and *the paper's*.\n\n");
-    head(columns, text);
-    for (kind, name) in ["reflection alone", "picture"].into_iter().enumerate() {
-        part(name, columns, text);
-        for technique in &TECHNIQUES {
-            let Some(errors) = technique.errors else {
-                continue;
-            };
-            let _ = write!(text, "| {} |", technique.ours);
-            for column in columns {
-                let value = cell(rows, column, technique.ours).and_then(|row| match kind {
-                    0 => row.flip_reflection_reference,
-                    _ => row.flip_final_reference,
-                });
-                let theirs = errors[kind][column.index];
-                let _ = write!(text, " {} | *{theirs:.3}* |", number(value, 4));
+            if line.len() == names.len() {
+                lines.push(line);
             }
-            text.push('\n');
         }
     }
-    text.push('\n');
+    format!("## The paper's table {title}\n\n{}\n", table(&names, &lines))
 }
 
 #[cfg(test)]
@@ -171,5 +178,54 @@ mod tests {
                 assert!((gain(technique, scene) - expected).abs() < 0.1, "{technique} {scene}");
             }
         }
+    }
+
+    #[test]
+    fn the_limits_are_the_papers() {
+        assert_eq!(limit("atrium"), Some(("Sponza", 0.072)));
+        assert_eq!(limit("temple"), Some(("Sun Temple", 0.046)));
+        assert_eq!(limit("street"), Some(("Bistro", 0.086)));
+        assert_eq!(limit("demo"), None);
+    }
+
+    fn row(technique: &str, time: f64, error: f64) -> Row {
+        Row {
+            flip_reflection_reference: Some(error),
+            ..Row::example("atrium", technique, time, error / 5.0)
+        }
+    }
+
+    #[test]
+    fn techniques_are_held_against_the_paper() {
+        let text = limits(&[
+            row("quarter", 1.0, 0.05),
+            row("vrs-roughness", 0.7, 0.06),
+            row("vrs-grazing", 0.8, 0.0721),
+            row("medium", 0.8, 0.09),
+        ]);
+        for line in [
+            "| vrs-roughness | bvh | 0.0600 | *0.072* (Sponza) | yes |",
+            "| vrs-grazing | bvh | 0.0721 | *0.072* (Sponza) | **no** |",
+            "| medium | bvh | 0.0900 | *0.072* (Sponza) | **no** (preset) |",
+        ] {
+            assert!(text.contains(line), "{line}\n{text}");
+        }
+        assert!(!text.contains("quarter"), "a fixed rate: {text}");
+    }
+
+    #[test]
+    fn the_papers_numbers_are_beside_ours() {
+        let text = tables(&[row("quarter", 1.0, 0.0712), row("vrs-roughness", 0.9, 0.06)]);
+        for line in [
+            "| quarter | 1.000 | *0.971* |",
+            "| quarter | 0.0712 | *0.063* |",
+            "| quarter | 100.0 % | *100.0 %* |",
+            "| vrs-roughness | 90.0 % | *69.7 %* |",
+            "| reference | - % | *140.4 %* |",
+        ] {
+            assert!(text.contains(line), "{line}\n{text}");
+        }
+        assert!(!text.contains("Bistro"), "scenes that weren't measured have no column");
+        assert_eq!(tables(&[]), "");
     }
 }

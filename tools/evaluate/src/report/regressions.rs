@@ -1,117 +1,111 @@
 //! Compares two tables of results: finds rows that got faster, slower, better or worse beyond noise.
 
-use super::rows::{Outcome, Row};
-use std::fmt::Write;
+use super::{
+    markdown::{number, table},
+    rows::{Keyed, Outcome, Row},
+};
 use strum::Display;
 
 /// Smaller relative changes of time are never reported: clocks, drivers and temperatures differ from day to day by this much.
-pub const MIN_TIME_CHANGE: f64 = 0.05;
+const MIN_TIME_CHANGE: f64 = 0.05;
 /// Changes of an error below this share are never reported.
-pub const MIN_ERROR_CHANGE: f64 = 0.03;
+const MIN_ERROR_CHANGE: f64 = 0.03;
 
-/// Meaning of a change.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Display)]
+/// Meaning of a difference, in the order of the table.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Display)]
 #[strum(serialize_all = "lowercase")]
 pub enum Verdict {
-    /// Less time.
-    Faster,
     /// More time.
     Slower,
-    /// Less error.
-    Better,
     /// More error.
     Worse,
-    /// It was measured before and isn't any more.
+    /// It was measured before, and failed or was skipped this time.
     Lost,
+    /// Less time.
+    Faster,
+    /// Less error.
+    Better,
+    /// It was not measured before.
+    New,
+    /// It was not asked for this time.
+    Absent,
+    /// Rows differ in something that keeps them, or their times, from being compared.
+    Other,
 }
 
 impl Verdict {
     /// True if it is bad.
-    pub fn is_regression(self) -> bool {
+    fn is_regression(self) -> bool {
         matches!(self, Self::Slower | Self::Worse | Self::Lost)
     }
-}
 
-/// One change beyond noise.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Change {
-    /// Scene, technique, back end and tracer.
-    pub row: String,
-    /// The column.
-    pub measure: &'static str,
-    /// The old value.
-    pub old: Option<f64>,
-    /// The new one.
-    pub new: Option<f64>,
-    /// Its meaning.
-    pub verdict: Verdict,
+    /// True for a change beyond noise.
+    fn is_change(self) -> bool {
+        !matches!(self, Self::New | Self::Absent | Self::Other)
+    }
 }
 
 /// The outcome of a comparison.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Comparison {
-    /// Changes beyond noise.
-    pub changes: Vec<Change>,
+    /// Differences: row, measure, old value, new value and change; and the meaning.
+    differences: Vec<(Verdict, [String; 5])>,
     /// Rows that are in both tables and were compared.
-    pub compared: usize,
+    compared: usize,
     /// Ratios of times to `reference`, with intervals in both runs on one machine.
-    pub timed: usize,
+    timed: usize,
     /// Timed rows with overlapping intervals: in two runs of the same code, nearly all.
-    pub agreeing: usize,
-    /// Sentences about rows that weren't compared.
-    pub notes: Vec<String>,
+    agreeing: usize,
 }
 
-/// Rule for a column: its name, its value, the largest difference that is ignored, and true if more is better.
-type Measure = (&'static str, fn(&Row) -> Option<f64>, f64, bool);
+/// A rule for a column.
+struct Measure {
+    name: &'static str,
+    get: fn(&Row) -> Option<f64>,
+    interval: fn(&Row) -> Option<(f64, f64)>,
+    /// How bad a value is.
+    badness: fn(f64) -> f64,
+    /// The largest difference that is ignored.
+    floor: f64,
+    /// The largest share of the old value that is ignored.
+    share: f64,
+}
 
-const ERRORS: [Measure; 7] = [
-    ("flip_final_converged", |row| row.flip_final_converged, 0.0005, false),
-    (
-        "flip_reflection_converged",
-        |row| row.flip_reflection_converged,
-        0.0005,
-        false,
-    ),
-    ("psnr_db", |row| row.psnr_db, 0.3, true),
-    ("bias", |row| row.bias.map(f64::abs), 0.0005, false),
-    ("flicker", |row| row.flicker, 0.0002, false),
-    ("recovery_4", |row| row.recovery_4, 0.001, false),
-    ("nonfinite", |row| row.nonfinite.map(|count| count as f64), 0.0, false),
-];
-
-/// Rule for a bias of the reflected light: its name, its value in percent, its interval, and the largest difference that is ignored.
-type LightMeasure = (
-    &'static str,
-    fn(&Row) -> Option<f64>,
-    fn(&Row) -> Option<(f64, f64)>,
-    f64,
-);
-
-const LIGHT: [LightMeasure; 2] = [
-    (
-        "light_bias_percent",
-        |row| row.light_bias_percent,
-        Row::light_interval,
-        0.2,
-    ),
-    (
-        "static_light_bias_percent",
-        |row| row.static_light_bias_percent,
-        Row::static_light_interval,
-        0.1,
-    ),
-];
-
-fn name(row: &Row) -> String {
-    let mut name = format!("{} {}", row.scene, row.technique);
-    for part in [&row.backend, &row.tracer] {
-        if !part.is_empty() && part != "-" {
-            let _ = write!(name, " {part}");
-        }
+const fn error(name: &'static str, get: fn(&Row) -> Option<f64>, floor: f64) -> Measure {
+    Measure {
+        name,
+        get,
+        interval: |_| None,
+        badness: f64::abs,
+        floor,
+        share: MIN_ERROR_CHANGE,
     }
-    name
 }
+
+const MEASURES: [Measure; 9] = [
+    error("flip_final_converged", |row| row.flip_final_converged, 0.0005),
+    error("flip_reflection_converged", |row| row.flip_reflection_converged, 0.0005),
+    Measure {
+        badness: |decibels| -decibels,
+        // Fractions of decibels are meaningless.
+        share: 0.0,
+        ..error("psnr_db", |row| row.psnr_db, 0.3)
+    },
+    error("bias", |row| row.bias, 0.0005),
+    error("flicker", |row| row.flicker, 0.0002),
+    error("recovery_4", |row| row.recovery_4, 0.001),
+    error("nonfinite", |row| row.nonfinite.map(|count| count as f64), 0.0),
+    Measure {
+        interval: Row::light_interval,
+        share: 0.0,
+        ..error("light_bias_percent", |row| row.light_bias_percent, 0.2)
+    },
+    Measure {
+        interval: Row::static_light_interval,
+        share: 0.0,
+        ..error("static_light_bias_percent", |row| row.static_light_bias_percent, 0.1)
+    },
+];
 
 /// Compares rows of the same scene, technique, back end and tracer.
 ///
@@ -122,173 +116,118 @@ fn name(row: &Row) -> String {
 pub fn compare(old: &[Row], new: &[Row]) -> Comparison {
     let mut comparison = Comparison::default();
     for row in new {
-        if !old.iter().any(|other| other.key() == row.key()) {
-            comparison.notes.push(format!("{} is new.", name(row)));
+        if !old.iter().any(|other| other.key() == row.key() && other.is_ok()) && row.is_ok() {
+            comparison.add(row, Verdict::New, "outcome", String::new(), "ok".to_owned());
         }
     }
     for before in old {
         let Some(after) = new.iter().find(|row| row.key() == before.key()) else {
-            comparison
-                .notes
-                .push(format!("{} was not measured this time.", name(before)));
+            comparison.add(
+                before,
+                Verdict::Absent,
+                "outcome",
+                before.outcome.to_string(),
+                String::new(),
+            );
             continue;
         };
         match (before.outcome, after.outcome) {
-            (Outcome::Ok, Outcome::Ok) => compare_rows(before, after, &mut comparison),
-            (Outcome::Ok, _) => comparison.changes.push(Change {
-                row: name(after),
-                measure: "outcome",
-                old: None,
-                new: None,
-                verdict: Verdict::Lost,
-            }),
-            (_, Outcome::Ok) => comparison
-                .notes
-                .push(format!("{} was not measured before.", name(after))),
+            (Outcome::Ok, Outcome::Ok) => comparison.compare_rows(before, after),
+            (Outcome::Ok, lost) => {
+                comparison.add(after, Verdict::Lost, "outcome", "ok".to_owned(), lost.to_string());
+            }
             _ => {}
         }
     }
-    comparison.notes.dedup();
+    comparison.differences.sort_by_key(|(verdict, _)| *verdict);
     comparison
 }
 
-fn interval(row: &Row) -> Option<(f64, f64)> {
-    row.ratio_low.zip(row.ratio_high)
-}
-
-fn compare_rows(before: &Row, after: &Row, comparison: &mut Comparison) {
-    if (before.width, before.height) != (after.width, after.height) {
-        comparison.notes.push(format!(
-            "{} was {}x{} and is {}x{}: not compared.",
-            name(after),
-            before.width,
-            before.height,
-            after.width,
-            after.height
-        ));
-        return;
-    }
-    comparison.compared += 1;
-    let mut add = |measure, old, new, verdict| {
-        comparison.changes.push(Change {
-            row: name(after),
-            measure,
-            old: Some(old),
-            new: Some(new),
-            verdict,
-        });
-    };
-    let noise = before.noise().unwrap_or(0.0) + after.noise().unwrap_or(0.0);
-    if before.adapter == after.adapter
-        && let (Some(old), Some(new)) = (before.total_ms, after.total_ms)
-        && old > 0.0
-        && (new / old - 1.0).abs() > noise.max(MIN_TIME_CHANGE)
-    {
-        let verdict = if new < old { Verdict::Faster } else { Verdict::Slower };
-        add("total_ms", old, new, verdict);
-    }
-    for (name, get, floor, rising) in ERRORS {
-        let (Some(old), Some(new)) = (get(before), get(after)) else {
-            continue;
-        };
-        // Fractions of decibels are meaningless.
-        let share = if name == "psnr_db" { 0.0 } else { MIN_ERROR_CHANGE };
-        if (new - old).abs() > floor.max(share * old.abs()) {
-            let better = (new > old) == rising;
-            add(name, old, new, if better { Verdict::Better } else { Verdict::Worse });
-        }
-    }
-    for (name, get, interval, floor) in LIGHT {
-        let (Some(old), Some(new)) = (get(before), get(after)) else {
-            continue;
-        };
-        let half_width = |row| interval(row).map_or(0.0, |(low, high)| (high - low) / 2.0);
-        let change = new.abs() - old.abs();
-        if change.abs() > floor.max(half_width(before) + half_width(after)) {
-            add(
-                name,
-                old,
-                new,
-                if change < 0.0 { Verdict::Better } else { Verdict::Worse },
-            );
-        }
-    }
-    if before.adapter == after.adapter
-        && after.technique != "reference"
-        && let (Some(old), Some(new)) = (interval(before), interval(after))
-    {
-        comparison.timed += 1;
-        comparison.agreeing += usize::from(old.0 <= new.1 && new.0 <= old.1);
-    }
-    if before.adapter != after.adapter {
-        comparison.notes.push(format!(
-            "Times were not compared: they are of `{}` and `{}`.",
-            before.adapter, after.adapter
-        ));
-    }
-    if before.samples != after.samples {
-        comparison.notes.push(format!(
-            "The ground truth has {} samples per pixel and had {}.",
-            after.samples, before.samples
-        ));
-    }
-}
-
 impl Comparison {
+    fn add(&mut self, row: &Row, verdict: Verdict, measure: &str, old: String, new: String) {
+        let key = row.key().into_iter().filter(|part| !part.is_empty() && *part != "-");
+        let name = key.collect::<Vec<&str>>().join(" ");
+        let share = match (old.parse::<f64>(), new.parse::<f64>()) {
+            (Ok(old), Ok(new)) if old != 0.0 => format!("{:+.1} %", 100.0 * (new / old - 1.0)),
+            _ => String::new(),
+        };
+        self.differences
+            .push((verdict, [name, measure.to_owned(), old, new, share]));
+    }
+
+    fn add_values(&mut self, row: &Row, verdict: Verdict, measure: &str, old: f64, new: f64) {
+        self.add(row, verdict, measure, number(Some(old), 4), number(Some(new), 4));
+    }
+
+    fn compare_rows(&mut self, before: &Row, after: &Row) {
+        let size = |row: &Row| format!("{}x{}", row.width, row.height);
+        let conditions: [(&str, fn(&Row) -> String); 2] = [
+            ("adapter", |row| row.adapter.clone()),
+            ("samples", |row| row.samples.to_string()),
+        ];
+        if size(before) != size(after) {
+            self.add(after, Verdict::Other, "size", size(before), size(after));
+            return;
+        }
+        self.compared += 1;
+        for (measure, get) in conditions {
+            if get(before) != get(after) {
+                self.add(after, Verdict::Other, measure, get(before), get(after));
+            }
+        }
+        if before.adapter == after.adapter {
+            self.compare_times(before, after);
+        }
+        for measure in &MEASURES {
+            let (Some(old), Some(new)) = ((measure.get)(before), (measure.get)(after)) else {
+                continue;
+            };
+            let half_width = |row| (measure.interval)(row).map_or(0.0, |(low, high)| (high - low) / 2.0);
+            let noise = half_width(before) + half_width(after);
+            let worse = (measure.badness)(new) - (measure.badness)(old);
+            if worse.abs() > measure.floor.max(measure.share * old.abs()).max(noise) {
+                let verdict = if worse > 0.0 { Verdict::Worse } else { Verdict::Better };
+                self.add_values(after, verdict, measure.name, old, new);
+            }
+        }
+    }
+
+    fn compare_times(&mut self, before: &Row, after: &Row) {
+        let noise = before.noise().unwrap_or(0.0) + after.noise().unwrap_or(0.0);
+        if let (Some(old), Some(new)) = (before.total_ms, after.total_ms)
+            && old > 0.0
+            && (new / old - 1.0).abs() > noise.max(MIN_TIME_CHANGE)
+        {
+            let verdict = if new < old { Verdict::Faster } else { Verdict::Slower };
+            self.add_values(after, verdict, "total_ms", old, new);
+        }
+        if after.technique != "reference"
+            && let (Some(old), Some(new)) = (before.ratio_interval(), after.ratio_interval())
+        {
+            self.timed += 1;
+            self.agreeing += usize::from(old.0 <= new.1 && new.0 <= old.1);
+        }
+    }
+
     /// True if anything got slower, worse or lost.
     pub fn has_regressions(&self) -> bool {
-        self.changes.iter().any(|change| change.verdict.is_regression())
+        self.differences.iter().any(|(verdict, _)| verdict.is_regression())
     }
 
     /// The comparison for people, as Markdown.
     pub fn to_markdown(&self) -> String {
-        let mut text = format!("# Comparison\n\n{} rows were compared. ", self.compared);
-        let count = |regression| {
-            let changes = self.changes.iter();
-            changes
-                .filter(|change| change.verdict.is_regression() == regression)
-                .count()
-        };
-        let _ = match (count(true), count(false)) {
-            (0, 0) => writeln!(text, "Nothing changed beyond noise."),
-            (worse, better) => writeln!(text, "{worse} values got worse and {better} got better, beyond noise."),
-        };
-        if self.timed > 0 {
-            let _ = writeln!(
-                text,
-                "\nThe 95 % intervals of {} of {} times, as shares of `reference`, overlap.",
-                self.agreeing, self.timed
-            );
-        }
-        if !self.changes.is_empty() {
-            text.push_str("\n| row | measure | before | now | change | |\n|---|---|---:|---:|---:|---|\n");
-        }
-        let mut changes: Vec<&Change> = self.changes.iter().collect();
-        changes.sort_by_key(|change| !change.verdict.is_regression());
-        for change in changes {
-            let number = |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |value| format!("{value:.4}"));
-            let share = match (change.old, change.new) {
-                (Some(old), Some(new)) if old != 0.0 => format!("{:+.1} %", 100.0 * (new / old - 1.0)),
-                _ => String::new(),
-            };
-            let _ = writeln!(
-                text,
-                "| {} | {} | {} | {} | {share} | {} |",
-                change.row,
-                change.measure,
-                number(change.old),
-                number(change.new),
-                change.verdict
-            );
-        }
-        let mut notes: Vec<&String> = self.notes.iter().collect();
-        notes.sort();
-        notes.dedup();
-        if !notes.is_empty() {
-            text.push('\n');
-        }
-        for note in notes {
-            let _ = writeln!(text, "- {note}");
+        let count = |is: fn(Verdict) -> bool| self.differences.iter().filter(|(verdict, _)| is(*verdict)).count();
+        let (changes, regressions) = (count(Verdict::is_change), count(Verdict::is_regression));
+        let mut text = format!(
+            "# Comparison\n\n- Rows compared: {}\n- Changes beyond noise: {changes}, for the worse: {regressions}\n- Times as shares of \
+             `reference` with overlapping intervals: {} of {}\n",
+            self.compared, self.agreeing, self.timed
+        );
+        let line = |(verdict, cells): &(Verdict, [String; 5])| [&cells[..], &[verdict.to_string()]].concat();
+        let lines: Vec<Vec<String>> = self.differences.iter().map(line).collect();
+        if !lines.is_empty() {
+            text += "\n";
+            text += &table(&["row", "measure", "before", "now", "change", "verdict"], &lines);
         }
         text
     }
@@ -312,13 +251,18 @@ mod tests {
         }
     }
 
+    fn verdicts(old: Row, new: Row) -> Vec<Verdict> {
+        let differences = compare(&[old], &[new]).differences;
+        differences.into_iter().map(|(verdict, _)| verdict).collect()
+    }
+
     #[test]
     fn what_is_equal_has_no_changes() {
         let rows = [row("quarter", 1.0, 0.02), row("off", 0.0, 0.1)];
         let comparison = compare(&rows, &rows);
-        assert_eq!((comparison.compared, comparison.changes.len()), (2, 0));
-        assert!(!comparison.has_regressions() && comparison.notes.is_empty());
-        assert!(comparison.to_markdown().contains("Nothing changed"));
+        assert_eq!((comparison.compared, comparison.differences.len()), (2, 0));
+        assert!(!comparison.has_regressions());
+        assert!(comparison.to_markdown().contains("Changes beyond noise: 0"));
     }
 
     #[test]
@@ -341,19 +285,12 @@ mod tests {
         };
         assert_eq!(counts(elsewhere), (0, 0));
         let text = compare(&[with(0.70, 0.72)], &[with(0.70, 0.72)]).to_markdown();
-        assert!(text.contains("1 of 1 times"), "{text}");
+        assert!(text.contains("1 of 1"), "{text}");
     }
 
     #[test]
     fn changes_have_a_verdict() {
-        let old = [row("quarter", 1.0, 0.02)];
-        let verdicts = |new: Row| -> Vec<Verdict> {
-            compare(&old, &[new])
-                .changes
-                .into_iter()
-                .map(|change| change.verdict)
-                .collect()
-        };
+        let verdicts = |new: Row| verdicts(row("quarter", 1.0, 0.02), new);
         assert_eq!(verdicts(row("quarter", 0.8, 0.02)), [Verdict::Faster]);
         assert_eq!(verdicts(row("quarter", 1.2, 0.02)), [Verdict::Slower]);
         assert_eq!(verdicts(row("quarter", 1.0, 0.018)), [Verdict::Better]);
@@ -383,27 +320,25 @@ mod tests {
             light_bias_high: Some(percent + half),
             ..row("quarter", 1.0, 0.02)
         };
-        let verdicts = |old: Row, new: Row| -> Vec<Verdict> {
-            let changes = compare(&[old], &[new]).changes;
-            changes.into_iter().map(|change| change.verdict).collect()
-        };
         assert_eq!(verdicts(with(0.5, 0.1), with(1.0, 0.1)), [Verdict::Worse]);
         assert_eq!(verdicts(with(-1.0, 0.1), with(0.5, 0.1)), [Verdict::Better]);
-        // Within the intervals, within the floor, and as far to the other side.
+        // Within the intervals, within the floor, as far to the other side, and in files without the column.
         assert!(verdicts(with(0.5, 0.3), with(1.0, 0.3)).is_empty());
         assert!(verdicts(with(0.5, 0.0), with(0.65, 0.0)).is_empty());
         assert!(verdicts(with(-0.8, 0.1), with(0.8, 0.1)).is_empty());
-        assert!(
-            verdicts(row("quarter", 1.0, 0.02), with(3.0, 0.1)).is_empty(),
-            "files without the column"
-        );
+        assert!(verdicts(row("quarter", 1.0, 0.02), with(3.0, 0.1)).is_empty());
     }
 
     #[test]
-    fn what_can_not_be_compared_is_said() {
-        let old = [row("quarter", 1.0, 0.02), row("reference", 1.0, 0.01)];
+    fn what_can_not_be_compared_is_listed() {
+        let old = [
+            row("quarter", 1.0, 0.02),
+            row("reference", 1.0, 0.01),
+            row("high", 2.0, 0.01),
+        ];
         let other_machine = Row {
             adapter: "other".into(),
+            samples: 9,
             ..row("quarter", 9.0, 0.02)
         };
         let failed = Row {
@@ -411,23 +346,27 @@ mod tests {
             ..row("reference", 0.0, 0.0)
         };
         let comparison = compare(&old, &[other_machine, failed, row("low", 1.0, 0.1)]);
-        assert_eq!(comparison.changes.len(), 1);
-        assert_eq!(comparison.changes[0].verdict, Verdict::Lost);
         assert!(comparison.has_regressions());
         let text = comparison.to_markdown();
-        assert!(
-            text.contains("is new") && text.contains("Times were not compared"),
-            "{text}"
-        );
-    }
-
-    #[test]
-    fn other_sizes_are_not_compared() {
+        for line in [
+            "Changes beyond noise: 1, for the worse: 1",
+            "| atrium reference compute bvh | outcome | ok | failed | | lost |",
+            "| atrium low compute bvh | outcome | | ok | | new |",
+            "| atrium high compute bvh | outcome | ok | | | absent |",
+            "| atrium quarter compute bvh | adapter | GPU | other | | other |",
+            "| atrium quarter compute bvh | samples | 0 | 9 | | other |",
+        ] {
+            assert!(text.contains(line), "{line}\n{text}");
+        }
         let large = Row {
             width: 1920,
             ..row("quarter", 9.0, 0.5)
         };
-        let comparison = compare(&[row("quarter", 1.0, 0.02)], &[large]);
-        assert_eq!((comparison.compared, comparison.changes.len()), (0, 0));
+        assert_eq!(verdicts(row("quarter", 1.0, 0.02), large), [Verdict::Other]);
+        let slower = compare(&old[..1], &[row("quarter", 1.2, 0.02)]).to_markdown();
+        assert!(
+            slower.contains("| total_ms | 1.0000 | 1.2000 | +20.0 % | slower |"),
+            "{slower}"
+        );
     }
 }

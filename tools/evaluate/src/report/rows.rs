@@ -1,12 +1,17 @@
 //! The table of results: one row per scene, technique, back end and tracer, as `results.csv`.
 
-use crate::job::{SCENES, TECHNIQUES};
+use crate::{
+    job::{SCENES, TECHNIQUES},
+    stats::{Estimate, pareto_front},
+};
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
 use std::{collections::BTreeSet, path::Path};
+use strum::Display;
 
 /// Outcome of a row.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Display, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
+#[strum(serialize_all = "lowercase")]
 pub enum Outcome {
     /// It was measured.
     #[default]
@@ -17,159 +22,90 @@ pub enum Outcome {
     Skipped,
 }
 
-/// One technique in one scene. Times are GPU milliseconds per frame, medians unless they say otherwise; missing measurements are empty.
+/// One technique in one scene. `columns.md` explains the columns. Missing measurements are empty.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Row {
-    /// The scene.
     pub scene: String,
-    /// The technique or preset.
     pub technique: String,
-    /// `compute` or `hardware`; `-` if there is no choice.
     pub backend: String,
-    /// `ray-query` or `bvh`; `-` if no rays are traced.
     pub tracer: String,
-    /// Whether there are results.
     pub outcome: Outcome,
-    /// The reason for a missing result, or a remark.
     pub note: String,
-    /// The GPU and its driver.
     pub adapter: String,
-    /// Width of the image in pixels.
     pub width: u32,
-    /// Height of the image in pixels.
     pub height: u32,
-    /// Frames that were timed.
     pub frames: u32,
-    /// Views that were compared.
     pub views: u32,
-    /// Samples per pixel of the ground truth.
     pub samples: u32,
-    /// All passes of the technique.
     pub total_ms: Option<f64>,
-    /// 95th percentile of the time.
     pub total_p95_ms: Option<f64>,
-    /// Lower end of the 95 % confidence interval of the median.
     pub total_low_ms: Option<f64>,
-    /// Upper end of it.
     pub total_high_ms: Option<f64>,
-    /// Time over that of `reference` in the same rounds.
     pub ratio: Option<f64>,
-    /// Lower end of the 95 % confidence interval of the ratio.
     pub ratio_low: Option<f64>,
-    /// Upper end of it.
     pub ratio_high: Option<f64>,
-    /// The rate image and the lists of rays.
     pub rate_ms: Option<f64>,
-    /// The rays.
     pub trace_ms: Option<f64>,
-    /// Spatial reconstruction, in its own pass.
     pub reconstruct_ms: Option<f64>,
-    /// Temporal accumulation, in its own pass.
     pub temporal_ms: Option<f64>,
-    /// Both in one pass.
     pub denoise_ms: Option<f64>,
-    /// The last blur, and adding the reflection to the frame.
     pub composite_ms: Option<f64>,
-    /// Bevy's deferred lighting, without the light that the technique replaces.
     pub lighting_ms: Option<f64>,
-    /// A whole frame by the clock of the CPU, until the GPU is idle.
     pub frame_ms: Option<f64>,
-    /// Reflection rays per frame.
     pub rays: Option<f64>,
-    /// Rays per pixel of the image.
     pub rays_per_pixel: Option<f64>,
-    /// Mean FLIP of the reflection alone against `reference`: the paper's comparison.
     pub flip_reflection_reference: Option<f64>,
-    /// Mean FLIP of the image against `reference`.
     pub flip_final_reference: Option<f64>,
-    /// Mean FLIP of the reflection alone against the ground truth.
     pub flip_reflection_converged: Option<f64>,
-    /// Lower end of its 95 % confidence interval over views and runs.
     pub flip_reflection_low: Option<f64>,
-    /// Upper end of it.
     pub flip_reflection_high: Option<f64>,
-    /// The error over that of `quarter`: the geometric mean of the ratios in each view.
     pub flip_reflection_ratio: Option<f64>,
-    /// Lower end of the 95 % confidence interval of the ratio.
     pub flip_reflection_ratio_low: Option<f64>,
-    /// Upper end of it.
     pub flip_reflection_ratio_high: Option<f64>,
-    /// The error of each run in each view. `|` separates views, and spaces separate runs.
     pub flip_reflection_runs: String,
-    /// Techniques that are both faster and closer to the truth, beyond the intervals.
     pub dominated_by: String,
-    /// Mean FLIP of the image against the ground truth.
     pub flip_final_converged: Option<f64>,
-    /// The view with the lowest error.
     pub flip_final_converged_min: Option<f64>,
-    /// The view with the highest error.
     pub flip_final_converged_max: Option<f64>,
-    /// Peak signal-to-noise ratio against the ground truth, in decibels, of linear light.
     pub psnr_db: Option<f64>,
-    /// Mean signed error of linear luminance against the ground truth.
     pub bias: Option<f64>,
-    /// The bias in percent of the ground truth's luminance.
     pub bias_percent: Option<f64>,
-    /// Bias of the light that reflections add, in motion, in percent of that light; over reflecting pixels away from outlines.
     pub light_bias_percent: Option<f64>,
-    /// Lower end of its 95 % confidence interval.
     pub light_bias_low: Option<f64>,
-    /// Upper end of it.
     pub light_bias_high: Option<f64>,
-    /// The bias after static frames.
     pub static_light_bias_percent: Option<f64>,
-    /// Lower end of its 95 % confidence interval.
     pub static_light_bias_low: Option<f64>,
-    /// Upper end of it.
     pub static_light_bias_high: Option<f64>,
-    /// Difference of the reflected light by the two halves of the ground truth, in percent.
     pub truth_halves_percent: Option<f64>,
-    /// Mean change of the error from frame to frame in a still view.
     pub flicker: Option<f64>,
-    /// Mean FLIP of the image against the ground truth in the first frame after a camera cut.
     pub recovery_1: Option<f64>,
-    /// The error in the fourth frame.
     pub recovery_4: Option<f64>,
-    /// The error in the sixteenth frame.
     pub recovery_16: Option<f64>,
-    /// Pixels that are infinite or NaN, and are not without reflections; must be 0.
     pub nonfinite: Option<u64>,
 }
 
-#[cfg(test)]
-impl Row {
-    /// A row for tests: exact times of a technique, and the error of its image.
-    pub fn example(scene: &str, technique: &str, time: f64, error: f64) -> Self {
-        Self {
-            scene: scene.into(),
-            technique: technique.into(),
-            backend: "compute".into(),
-            tracer: "bvh".into(),
-            total_ms: Some(time),
-            ratio: Some(time / 2.0),
-            ratio_low: Some(time / 2.0 * 0.99),
-            ratio_high: Some(time / 2.0 * 1.01),
-            flip_final_converged: Some(error),
-            ..Self::default()
+/// A row about one technique in one scene.
+pub trait Keyed {
+    /// The columns that identify a technique in a scene: scene, technique, back end and tracer.
+    fn key(&self) -> [&str; 4];
+
+    /// The technique, with its back end unless that is compute.
+    fn label(&self) -> String {
+        match self.key() {
+            [_, technique, "hardware", _] => format!("{technique} (hardware)"),
+            [_, technique, ..] => technique.to_owned(),
         }
     }
 }
 
+impl Keyed for Row {
+    fn key(&self) -> [&str; 4] {
+        [&self.scene, &self.technique, &self.backend, &self.tracer]
+    }
+}
+
 impl Row {
-    /// The columns that identify a row.
-    pub fn key(&self) -> (&str, &str, &str, &str) {
-        (&self.scene, &self.technique, &self.backend, &self.tracer)
-    }
-
-    /// The technique, with its back end unless that is compute.
-    pub fn label(&self) -> String {
-        match self.backend.as_str() {
-            "hardware" => format!("{} (hardware)", self.technique),
-            _ => self.technique.clone(),
-        }
-    }
-
     /// True if it was measured.
     pub fn is_ok(&self) -> bool {
         self.outcome == Outcome::Ok
@@ -177,8 +113,13 @@ impl Row {
 
     /// Half of the width of the ratio's confidence interval, as a share of the ratio: the noise of this row's time.
     pub fn noise(&self) -> Option<f64> {
-        let (ratio, low, high) = (self.ratio?, self.ratio_low?, self.ratio_high?);
+        let (ratio, (low, high)) = (self.ratio?, self.ratio_interval()?);
         (ratio > 0.0).then(|| (high - low) / (2.0 * ratio))
+    }
+
+    /// The interval of the time over that of `reference`.
+    pub fn ratio_interval(&self) -> Option<(f64, f64)> {
+        self.ratio_low.zip(self.ratio_high)
     }
 
     /// The interval of the reflection's error.
@@ -200,15 +141,37 @@ impl Row {
     pub fn static_light_interval(&self) -> Option<(f64, f64)> {
         self.static_light_bias_low.zip(self.static_light_bias_high)
     }
+
+    /// A row for tests: exact times of a technique, and the error of its image.
+    #[cfg(test)]
+    pub fn example(scene: &str, technique: &str, time: f64, error: f64) -> Self {
+        Self {
+            scene: scene.into(),
+            technique: technique.into(),
+            backend: "compute".into(),
+            tracer: "bvh".into(),
+            total_ms: Some(time),
+            ratio: Some(time / 2.0),
+            ratio_low: Some(time / 2.0 * 0.99),
+            ratio_high: Some(time / 2.0 * 1.01),
+            flip_final_converged: Some(error),
+            ..Self::default()
+        }
+    }
 }
 
-/// The rows of several runs into one folder, in the order of tables. New rows replace old ones with the same key.
-pub fn merge(mut old: Vec<Row>, new: Vec<Row>) -> Vec<Row> {
-    old.retain(|row| new.iter().all(|other| other.key() != row.key()));
+/// Old rows, except for techniques that were measured again, and new rows.
+pub fn replace<T: Keyed>(mut old: Vec<T>, measured: &[Row], new: Vec<T>) -> Vec<T> {
+    old.retain(|row| measured.iter().all(|other| other.key() != row.key()));
     old.extend(new);
+    old
+}
+
+/// Sorts rows into the order of tables.
+pub fn sort(rows: &mut [Row]) {
     let place = |names: &[&str], name: &str| names.iter().position(|other| *other == name).unwrap_or(names.len());
     // Ray queries come before the BVH.
-    old.sort_by_cached_key(|row| {
+    rows.sort_by_cached_key(|row| {
         (
             place(&SCENES, &row.scene),
             row.scene.clone(),
@@ -217,19 +180,40 @@ pub fn merge(mut old: Vec<Row>, new: Vec<Row>) -> Vec<Row> {
             row.tracer == "bvh",
         )
     });
-    old
 }
 
 /// Scenes in the order of rows, each once.
-pub fn scenes(rows: &[Row]) -> Vec<&str> {
+pub fn scenes<'a>(rows: impl IntoIterator<Item = &'a Row>) -> Vec<&'a str> {
     let mut seen = BTreeSet::new();
-    let scenes = rows.iter().map(|row| row.scene.as_str());
+    let scenes = rows.into_iter().map(|row| row.scene.as_str());
     scenes.filter(|scene| seen.insert(*scene)).collect()
 }
 
 /// The measured rows of a scene.
 pub fn of_scene<'a>(rows: &'a [Row], scene: &str) -> Vec<&'a Row> {
     rows.iter().filter(|row| row.scene == scene && row.is_ok()).collect()
+}
+
+/// Flags of the rows that no other row beats in time and error of the image together. Techniques that take no time count.
+pub fn on_front(rows: &[&Row]) -> Vec<bool> {
+    let of = |value: Option<f64>| value.unwrap_or(f64::NAN);
+    let points: Vec<(f64, f64)> = rows
+        .iter()
+        .map(|row| (of(row.total_ms), of(row.flip_final_converged)))
+        .collect();
+    let front = pareto_front(&points);
+    (0..rows.len()).map(|index| front.contains(&index)).collect()
+}
+
+/// Columns of an estimate: the value, and the lower and upper end of its interval.
+pub fn columns(estimate: Option<Estimate>, digits: i32) -> [Option<f64>; 3] {
+    let interval = estimate.and_then(|estimate| estimate.interval);
+    let values = [
+        estimate.map(|estimate| estimate.value),
+        interval.map(|(low, _)| low),
+        interval.map(|(_, high)| high),
+    ];
+    values.map(|value| value.map(|value| significant(value, digits)))
 }
 
 /// Rounds to this number of significant digits, so that files are readable.
@@ -246,11 +230,6 @@ pub fn significant(value: f64, digits: i32) -> f64 {
         let scale = 10f64.powi(-decimals);
         (value / scale).round() * scale
     }
-}
-
-/// A number with this number of decimals, or a dash.
-pub fn number(value: Option<f64>, decimals: usize) -> String {
-    value.map_or_else(|| "-".to_owned(), |value| format!("{value:.decimals$}"))
 }
 
 /// Rows as CSV.
@@ -290,6 +269,7 @@ pub fn load<T: DeserializeOwned>(path: &Path) -> Result<Vec<T>, String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::report::{decomposition::SplitRow, objects::ObjectRow};
 
     #[test]
     fn rows_survive_the_way_to_csv_and_back() {
@@ -321,11 +301,26 @@ mod tests {
     }
 
     #[test]
+    fn all_columns_are_explained() {
+        let text = include_str!("../../columns.md");
+        let tables = [
+            to_csv(&[Row::default()]),
+            to_csv(&[ObjectRow::default()]),
+            to_csv(&[SplitRow::default()]),
+        ];
+        for table in tables.map(Result::unwrap) {
+            for column in table.lines().next().unwrap().split(',') {
+                assert!(text.contains(&format!("`{column}`")), "{column}");
+            }
+        }
+    }
+
+    #[test]
     fn other_versions_can_be_read() {
         let rows: Vec<Row> =
             from_csv("scene,technique,total_ms,colour\natrium,quarter,0.5,blue\natrium,off,,\n").unwrap();
         assert_eq!((rows[0].total_ms, rows[1].total_ms), (Some(0.5), None));
-        assert_eq!(rows[1].key(), ("atrium", "off", "", ""));
+        assert_eq!(rows[1].key(), ["atrium", "off", "", ""]);
         assert!(from_csv::<Row>("a,b\n1,2\n").is_err());
         assert!(from_csv::<Row>("scene,technique,total_ms\natrium,quarter,fast\n").is_err());
     }
@@ -348,12 +343,8 @@ mod tests {
     #[test]
     fn rows_of_several_runs_are_merged() {
         let row = |scene: &str, technique: &str, tracer: &str, time: f64| Row {
-            scene: scene.into(),
-            technique: technique.into(),
-            backend: "compute".into(),
             tracer: tracer.into(),
-            total_ms: Some(time),
-            ..Row::default()
+            ..Row::example(scene, technique, time, 0.0)
         };
         // The street and a file were measured first, then the atrium, and then a technique of the street again.
         let old = vec![
@@ -367,6 +358,11 @@ mod tests {
             row("atrium", "off", "-", 0.0),
             row("atrium", "low", "ray-query", 5.0),
         ];
+        let merge = |old: Vec<Row>, new: Vec<Row>| {
+            let mut rows = replace(old, &new, new.clone());
+            sort(&mut rows);
+            rows
+        };
         let merged = merge(old, new);
         let table: Vec<(&str, &str, Option<f64>)> = merged
             .iter()
@@ -397,5 +393,15 @@ mod tests {
         };
         assert!((row.noise().unwrap() - 0.04).abs() < 1e-12);
         assert_eq!(Row::default().noise(), None);
+    }
+
+    #[test]
+    fn rows_without_a_faster_and_closer_one_are_on_the_front() {
+        let mut rows = [(2.0, 0.008), (1.0, 0.010), (1.2, 0.011), (0.8, 0.009)]
+            .map(|(time, error)| Row::example("atrium", "quarter", time, error));
+        let front = |rows: &[Row]| on_front(&rows.iter().collect::<Vec<_>>());
+        assert_eq!(front(&rows), [true, false, false, true]);
+        rows[3].total_ms = None;
+        assert_eq!(front(&rows), [true, true, false, false]);
     }
 }

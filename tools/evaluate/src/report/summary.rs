@@ -1,352 +1,282 @@
-//! `summary.md`: the results for people.
+//! `summary.md`: the results for people. `columns.md` in this tool's folder explains the columns.
 
 use super::{
-    analysis, decomposition, dominance, held_out, objects, paper,
-    pareto::on_front,
-    rows::{Outcome, Row, number, of_scene, scenes},
-    stats,
+    charts::ChartFiles,
+    decomposition, held_out,
+    markdown::{Column, number, percent, range, section, signed, table},
+    objects,
+    output::Results,
+    paper,
+    rows::{Keyed, Row, of_scene, on_front, scenes},
     tables::Tables,
 };
-use crate::{
-    compare::reflected_light::MARGIN, machine::Machine, protocol::Protocol, state::SceneFacts, techniques::TRUTH_CUTOFF,
-};
+use crate::{machine::Machine, protocol::Protocol, state::SceneFacts, stats::quantile};
 use std::{collections::BTreeMap, fmt::Write};
 
 /// A ratio with an interval wider than this share of it, to either side, decides little.
-pub const MAX_NOISE: f64 = 0.05;
+const MAX_NOISE: f64 = 0.05;
 
-/// Contents of the summary.
-pub struct Summary<'a> {
-    /// The machine.
-    pub machine: &'a Machine,
-    /// How much was measured.
-    pub protocol: &'a Protocol,
-    /// All rows.
-    pub tables: &'a Tables,
-    /// Facts about each scene.
-    pub facts: &'a BTreeMap<String, SceneFacts>,
-    /// Charts of each scene: a title, and a path from the folder of results.
-    pub charts: &'a BTreeMap<String, Vec<(String, String)>>,
+/// Biases of the reflected light beyond these many percent, in motion and static, are marked.
+const MAX_LIGHT_BIAS: f64 = 1.0;
+const MAX_STATIC_LIGHT_BIAS: f64 = 0.5;
+
+/// Biases of the picture and of the reflected light.
+const BIAS: [Column<Row>; 8] = [
+    ("of the ground truth's luminance", |row| {
+        percent(signed(row.bias_percent))
+    }),
+    ("of white", |row| number(row.bias, 5)),
+    ("of reflected light in motion", |row| {
+        percent(signed(row.light_bias_percent))
+    }),
+    ("95 % sure", |row| range(row.light_interval(), signed)),
+    ("static", |row| percent(signed(row.static_light_bias_percent))),
+    ("95 % sure", |row| range(row.static_light_interval(), signed)),
+    ("halves of the truth", |row| percent(signed(row.truth_halves_percent))),
+    ("above 1 % in motion, 0.5 % static", beyond_limits),
+];
+
+/// Columns of a scene's table.
+const SCENE: [Column<Row>; 18] = [
+    ("technique", Row::label),
+    ("tracer", |row| row.tracer.clone()),
+    ("ms", |row| number(row.total_ms, 3)),
+    ("95 % sure", |row| {
+        range(row.total_low_ms.zip(row.total_high_ms), |ms| number(ms, 3))
+    }),
+    ("p95", |row| number(row.total_p95_ms, 3)),
+    ("of `reference`", |row| {
+        percent(hundredfold(row.ratio, 1)) + if is_uncertain(row) { " ?" } else { "" }
+    }),
+    ("95 % sure", |row| {
+        range(row.ratio_interval(), |ratio| hundredfold(ratio, 1))
+    }),
+    ("rays per pixel", |row| number(row.rays_per_pixel, 3)),
+    ("FLIP picture", |row| number(row.flip_final_converged, 4)),
+    ("FLIP reflection", |row| number(row.flip_reflection_converged, 4)),
+    ("95 % sure", |row| {
+        range(row.reflection_interval(), |error| number(error, 4))
+    }),
+    ("of `quarter`'s", |row| {
+        let interval = row.flip_reflection_ratio_low.zip(row.flip_reflection_ratio_high);
+        let interval = interval.map(|_| format!(" ({})", range(interval, |ratio| hundredfold(ratio, 0))));
+        percent(hundredfold(row.flip_reflection_ratio, 0)) + &interval.unwrap_or_default()
+    }),
+    ("PSNR dB", |row| number(row.psnr_db, 1)),
+    ("bias, %", |row| signed(row.bias_percent)),
+    ("bias of reflected light, %: in motion, static", |row| {
+        [row.light_bias_percent, row.static_light_bias_percent]
+            .map(signed)
+            .join(", ")
+    }),
+    ("flicker", |row| number(row.flicker, 5)),
+    ("frame 1, 4, 16 after a cut", |row| {
+        let errors = [row.recovery_1, row.recovery_4, row.recovery_16];
+        errors.map(|error| number(error, 4)).join(", ")
+    }),
+    ("broken pixels", |row| {
+        number(row.nonfinite.map(|count| count as f64), 0)
+    }),
+];
+
+/// A share in percent.
+fn hundredfold(share: Option<f64>, decimals: usize) -> String {
+    number(share.map(|share| 100.0 * share), decimals)
 }
 
-fn range(low: Option<f64>, high: Option<f64>, decimals: usize) -> String {
-    match (low, high) {
-        (Some(low), Some(high)) => format!("{low:.decimals$} to {high:.decimals$}"),
-        _ => "-".to_owned(),
-    }
+/// True if noise leaves little of a row's time: its interval is wide, or contains the time of `reference`.
+fn is_uncertain(row: &Row) -> bool {
+    let contains_one = row
+        .ratio_interval()
+        .is_some_and(|(low, high)| low <= 1.0 && high >= 1.0);
+    row.technique != "reference" && (contains_one || row.noise().is_some_and(|noise| noise > MAX_NOISE))
 }
 
-/// Error of the reflection over the error of `quarter` in percent, with its interval.
-fn ratio(row: &Row) -> String {
-    let percent = |value: Option<f64>| value.map(|value| 100.0 * value);
-    let Some(ratio) = percent(row.flip_reflection_ratio) else {
-        return "-".to_owned();
+/// The limits that a bias of the reflected light exceeds, with all of its interval if there is one. Whatever doesn't trace, and the
+/// paper's recipe, have none.
+fn beyond_limits(row: &Row) -> String {
+    let is_beyond = |percent: Option<f64>, interval: Option<(f64, f64)>, limit: f64| {
+        let (low, high) = interval.or(percent.zip(percent)).unwrap_or_default();
+        low > limit || high < -limit
     };
-    match range(
-        percent(row.flip_reflection_ratio_low),
-        percent(row.flip_reflection_ratio_high),
-        0,
-    ) {
-        interval if interval == "-" => format!("{ratio:.0} %"),
-        interval => format!("{ratio:.0} % ({interval})"),
+    let moving = is_beyond(row.light_bias_percent, row.light_interval(), MAX_LIGHT_BIAS);
+    let resting = is_beyond(
+        row.static_light_bias_percent,
+        row.static_light_interval(),
+        MAX_STATIC_LIGHT_BIAS,
+    );
+    match (moving, resting) {
+        _ if row.tracer == "-" || row.technique == "paper" => "",
+        (true, true) => "**motion, static**",
+        (true, false) => "**motion**",
+        (false, true) => "**static**",
+        (false, false) => "",
     }
+    .to_owned()
 }
 
-fn signed(percent: Option<f64>) -> String {
-    percent.map_or_else(|| "-".to_owned(), |percent| format!("{percent:+.2}"))
+/// The machine and the extent of the measurements, as a list.
+pub fn conditions(machine: &Machine, protocol: &Protocol) -> String {
+    let mut lines = vec![
+        format!("GPU: {}", machine.adapter),
+        format!("System: {}, {} threads", machine.system, machine.threads),
+        format!("bevy_glint {}, sources {}", machine.version, machine.sources),
+        format!(
+            "{}x{}; {} timed frames per technique in {} rounds; {} views after {} frames of motion; ground truth of {} samples per pixel",
+            protocol.width,
+            protocol.height,
+            protocol.rounds() * protocol.block,
+            protocol.rounds(),
+            protocol.views,
+            protocol.motion_frames,
+            protocol.samples
+        ),
+        format!(
+            "Built-in scenes at detail {}, with textures of {} texels and at most {} shadow maps of {} texels for a directional light",
+            protocol.detail, protocol.texture_size, protocol.cascades, protocol.shadow_size
+        ),
+    ];
+    if machine.is_cpu {
+        lines.push("**This adapter is a CPU**: its times can't be compared with those of GPUs.".to_owned());
+    }
+    if !machine.timestamps {
+        lines.push("This adapter can't tell the time of passes: there are no GPU times.".to_owned());
+    }
+    lines.iter().map(|line| format!("- {line}\n")).collect()
 }
 
-impl Summary<'_> {
-    /// The text.
-    pub fn to_markdown(&self) -> String {
-        let mut text = "# Cost of each technique and its distance from the ground truth\n\n".to_owned();
-        self.machine(&mut text);
-        self.noise(&mut text);
-        text.push_str(&held_out::section(&self.tables.rows));
+impl Results<'_> {
+    /// The text of the summary.
+    pub fn summary(&self, facts: &BTreeMap<String, SceneFacts>, charts: &ChartFiles) -> String {
         let Tables { rows, objects, splits } = self.tables;
-        text.push_str(&analysis::sections(rows, self.protocol));
-        text.push_str(&dominance::section(rows));
-        text.push_str(&decomposition::section(rows, splits));
-        text.push_str(&objects::section(rows, objects));
+        let measured = || rows.iter().filter(|row| row.is_ok());
+        let others = measured().filter(|row| row.technique != "reference");
+        let noise = quantile(&others.filter_map(Row::noise).collect::<Vec<f64>>(), 0.5);
+        let mut text = format!(
+            "# Cost of each technique and its distance from the ground truth\n\n{}- Noise of times as shares of `reference`, median: ±{}\n\n",
+            conditions(self.machine, self.protocol),
+            percent(hundredfold(noise, 1))
+        );
+        text += &held_out::section(rows);
+        text += &paper::limits(rows);
+        let has_bias = |row: &&Row| row.bias_percent.or(row.light_bias_percent).is_some();
+        text += &section("Bias", measured().filter(has_bias), &BIAS);
+        text += &section(
+            "Dominated techniques",
+            measured().filter(|row| row.is_dominated()),
+            &[("dominated by", |row| row.dominated_by.clone())],
+        );
+        text += &decomposition::summary(splits);
+        text += &objects::summary(objects);
         for scene in scenes(rows) {
-            self.scene(&mut text, scene);
+            text += &scene_section(rows, scene, facts.get(scene));
+            for (title, file) in charts.get(scene).into_iter().flatten() {
+                _ = writeln!(text, "![{title}]({file})\n");
+            }
         }
-        text.push_str(&paper::tables(rows));
-        self.absent(&mut text);
-        self.explanation(&mut text);
+        text += &paper::tables(rows);
+        text += &section(
+            "Not measured",
+            rows.iter().filter(|row| !row.is_ok()),
+            &[
+                ("outcome", |row| row.outcome.to_string()),
+                ("note", |row| row.note.clone()),
+            ],
+        );
         text
     }
 
     /// The table of held-out scenes as a text of its own; `None` if none of them was measured.
     pub fn held_out(&self) -> Option<String> {
         let section = held_out::section(&self.tables.rows);
-        let mut text = "# Techniques in held-out scenes\n\n".to_owned();
-        self.machine(&mut text);
-        (!section.is_empty()).then(|| text + section.trim_end() + "\n")
+        let conditions = conditions(self.machine, self.protocol);
+        let text = format!(
+            "# Techniques in held-out scenes\n\n{conditions}\n{}\n",
+            section.trim_end()
+        );
+        (!section.is_empty()).then_some(text)
     }
+}
 
-    fn machine(&self, text: &mut String) {
-        let Machine {
-            adapter,
-            system,
-            threads,
-            version,
-            sources,
-            ..
-        } = self.machine;
-        let Protocol {
-            width,
-            height,
-            views,
-            samples,
-            motion_frames,
-            ..
-        } = self.protocol;
-        let frames = self.protocol.rounds() * self.protocol.block;
-        let _ = writeln!(text, "- GPU: {adapter}");
-        let _ = writeln!(text, "- System: {system}, {threads} threads");
-        let _ = writeln!(text, "- bevy_glint {version}, sources {sources}");
-        let _ = writeln!(
+/// The table of a scene, with its marks.
+fn scene_section(rows: &[Row], scene: &str, facts: Option<&SceneFacts>) -> String {
+    let mut text = format!("## {scene}\n\n");
+    if let Some(facts) = facts {
+        let mebibytes = facts.scene_bytes as f64 / f64::from(1 << 20);
+        _ = writeln!(
             text,
-            "- {width}x{height}; {frames} timed frames per technique in {} rounds; {views} views after {motion_frames} frames of \
-             motion; ground truth of {samples} samples per pixel",
-            self.protocol.rounds()
-        );
-        let _ = writeln!(
-            text,
-            "- Built-in scenes at detail {}, with textures of {} texels and at most {} shadow maps of {} texels for a directional light",
-            self.protocol.detail, self.protocol.texture_size, self.protocol.cascades, self.protocol.shadow_size
-        );
-        if self.machine.is_cpu {
-            text.push_str("- **This adapter is a CPU**: its times can't be compared with those of GPUs.\n");
-        }
-        if !self.machine.timestamps {
-            text.push_str("- This adapter can't tell the time of passes: there are no GPU times.\n");
-        }
-        text.push('\n');
-    }
-
-    fn noise(&self, text: &mut String) {
-        text.push_str("## Can these times decide?\n\n");
-        let name = |row: &Row| format!("{} in {}", row.label(), row.scene);
-        let measured = || {
-            let rows = self.tables.rows.iter();
-            let rows = rows.filter(|row| row.is_ok() && row.technique != "reference");
-            rows.filter_map(|row| Some((row, row.noise()?)))
-        };
-        let noisy: Vec<String> = measured()
-            .filter(|(_, noise)| *noise > MAX_NOISE)
-            .map(|(row, noise)| format!("{} (±{:.0} %)", name(row), 100.0 * noise))
-            .collect();
-        let undecided: Vec<String> = measured()
-            .filter(|(row, _)| {
-                row.ratio_low.is_some_and(|low| low <= 1.0) && row.ratio_high.is_some_and(|high| high >= 1.0)
-            })
-            .map(|(row, _)| name(row))
-            .collect();
-        let typical: Vec<f64> = measured().map(|(_, noise)| noise).collect();
-        match stats::quantile(&typical, 0.5) {
-            None => text.push_str("There are no ratios of times: one round, no `reference`, or no GPU times.\n"),
-            Some(typical) => {
-                let _ = writeln!(
-                    text,
-                    "The ratio of a technique's time to that of `reference`, measured in the same rounds, is typically known to \
-                     ±{:.1} %.",
-                    100.0 * typical
-                );
-                if noisy.is_empty() {
-                    text.push_str("No technique was noisier than 5 %.\n");
-                } else {
-                    let _ = writeln!(
-                        text,
-                        "**The machine was too noisy** to say more than a rough ratio of: {}. Close other programs, or time more \
-                         frames.",
-                        noisy.join(", ")
-                    );
-                }
-                if !undecided.is_empty() {
-                    let _ = writeln!(
-                        text,
-                        "**Not decided** to be faster or slower than `reference`: {}.",
-                        undecided.join(", ")
-                    );
-                }
-            }
-        }
-        text.push('\n');
-    }
-
-    fn scene(&self, text: &mut String, scene: &str) {
-        let _ = writeln!(text, "## {scene}\n");
-        if let Some(facts) = self.facts.get(scene) {
-            let _ = writeln!(
-                text,
-                "{} triangles in {} objects, {:.1} MiB of data for rays, tracer {}.\n",
-                facts.triangles,
-                facts.instances,
-                facts.scene_bytes as f64 / f64::from(1 << 20),
-                facts.tracer
-            );
-        }
-        let rows = of_scene(&self.tables.rows, scene);
-        if rows.is_empty() {
-            text.push_str("Nothing was measured.\n\n");
-            return;
-        }
-        text.push_str(
-            "| technique | tracer | ms | 95 % sure | p95 | of `reference` | 95 % sure | rays per pixel | FLIP picture | FLIP \
-             reflection | 95 % sure | of `quarter`'s | PSNR dB | bias, % | bias of reflected light, %: in motion, static | flicker | frame 1, 4, 16 after a cut | broken pixels |\n\
-             |---|---|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|\n",
-        );
-        for (row, front) in rows.iter().zip(on_front(&rows, |row| row.flip_final_converged)) {
-            let star = if front { " ★" } else { "" };
-            let mark = if row.is_dominated() { " ▽" } else { "" };
-            let percent = |value: Option<f64>| number(value.map(|value| 100.0 * value), 1);
-            let _ = writeln!(
-                text,
-                "| {}{star}{mark} | {} | {} | {} | {} | {} % | {} | {} | {} | {} | {} | {} | {} | {} | {}, {} | {} | {}, {}, {} | {} |",
-                row.label(),
-                row.tracer,
-                number(row.total_ms, 3),
-                range(row.total_low_ms, row.total_high_ms, 3),
-                number(row.total_p95_ms, 3),
-                percent(row.ratio),
-                range(
-                    row.ratio_low.map(|low| 100.0 * low),
-                    row.ratio_high.map(|high| 100.0 * high),
-                    1
-                ),
-                number(row.rays_per_pixel, 3),
-                number(row.flip_final_converged, 4),
-                number(row.flip_reflection_converged, 4),
-                range(row.flip_reflection_low, row.flip_reflection_high, 4),
-                ratio(row),
-                number(row.psnr_db, 1),
-                signed(row.bias_percent),
-                signed(row.light_bias_percent),
-                signed(row.static_light_bias_percent),
-                number(row.flicker, 5),
-                number(row.recovery_1, 4),
-                number(row.recovery_4, 4),
-                number(row.recovery_16, 4),
-                row.nonfinite.map_or_else(|| "-".to_owned(), |count| count.to_string()),
-            );
-        }
-        // Results of older versions have no intervals.
-        let marks = if rows.iter().any(|row| row.flip_reflection_low.is_some()) {
-            " ▽: dominated, another one is both faster and closer to it by the reflection alone, beyond the intervals."
-        } else {
-            ""
-        };
-        let _ = writeln!(
-            text,
-            "\nErrors are against the ground truth. ★: nothing is both faster and closer to it.{marks}\n"
-        );
-        for (title, file) in self.charts.get(scene).into_iter().flatten() {
-            let _ = writeln!(text, "![{title}]({file})\n");
-        }
-    }
-
-    fn absent(&self, text: &mut String) {
-        let rows: Vec<&Row> = self.tables.rows.iter().filter(|row| !row.is_ok()).collect();
-        if rows.is_empty() {
-            return;
-        }
-        text.push_str("## What was not measured\n\n");
-        for row in rows {
-            let word = if row.outcome == Outcome::Skipped {
-                "was skipped"
-            } else {
-                "failed"
-            };
-            let _ = writeln!(text, "- {} in {} {word}: {}", row.label(), row.scene, row.note);
-        }
-        text.push('\n');
-    }
-
-    fn explanation(&self, text: &mut String) {
-        let _ = write!(
-            text,
-            "## How to read this\n\n\
-             - **ms** is the median GPU time of the technique's own passes, from the GPU's clock. Techniques take turns on the same \
-             stretches of the camera's path; *95 % sure* is the interval of the median from order statistics, which includes that \
-             frames along the path differ. The ratio to `reference` is formed within each round, so that this, and slow changes of \
-             the machine, cancel out.\n\
-             - `off` is Bevy's environment map alone. Its reflection is part of Bevy's lighting and has no time of its own; the \
-             column `lighting_ms` of `results.csv` holds the time of that lighting for every technique.\n\
-             - **FLIP** is the difference that a person sees between alternating pictures, 0 to 1, at 55.4 pixels per degree, of \
-             tone-mapped pictures of 8 bits. *Picture* is what the camera shows, *reflection* what reflections add to it on the \
-             display: the difference to a picture without any reflection of the environment. The error of the reflection is \
-             a mean over views and over {} runs that differ in their noise alone; its interval is Student's over the means of views. \
-             Its ratio to `quarter` is the geometric mean of the ratios in each view, with the interval of these. A single view has the \
-             intervals of its runs, which hold noise alone, and nothing is marked by it.\n\
-             - The **ground truth** averages {} frames of a still camera, each with one ray per pixel, without denoiser and up to a \
-             roughness of {TRUTH_CUTOFF}. Techniques trace up to the same roughness; presets have cut-offs of their own, and what they \
-             leave to the environment map counts as error.\n\
-             - **PSNR** and **bias** (mean signed error of luminance) are of linear light, computed from the 8-bit pictures, against \
-             the ground truth; bias is in percent of the ground truth's luminance. The **bias of reflected light** is in \
-             percent of the light that reflections add to the frame, before tone mapping: the difference to a frame that leaves out their \
-             addition alone. It is summed over all views and pixels that reflect, {MARGIN} pixels away from outlines: reflected light decides, and \
-             not the brightness of what it falls on. Its interval comes from {} runs that differ in their noise alone, block of \
-             pixels by block, and from the halves of the ground truth: it says how well the bias of just these views is known. The images \
-             `*.light-in-motion.png` and `*.static-light.png` show where it is: red where too much is reflected, blue where light is \
-             missing, with full colour at 10 %. **Flicker** is the mean change of luminance from \
-             frame to frame in a still view.\n\
-             - **Broken pixels** are infinite or no number, and are not so without reflections. There must be none.\n",
-            self.protocol.runs, self.protocol.samples, self.protocol.runs
+            "{} triangles in {} objects, {mebibytes:.1} MiB of data for rays, tracer {}.\n",
+            facts.triangles, facts.instances, facts.tracer
         );
     }
+    let rows = of_scene(rows, scene);
+    let mut lines = Vec::new();
+    for (row, front) in rows.iter().zip(on_front(&rows)) {
+        let mut line: Vec<String> = SCENE.iter().map(|(_, cell)| cell(row)).collect();
+        line[0] += if front { " ★" } else { "" };
+        line[0] += if row.is_dominated() { " ▽" } else { "" };
+        lines.push(line);
+    }
+    text += &table(&SCENE.map(|(name, _)| name), &lines);
+    text + "\n★: on the Pareto front of time and FLIP of the picture. ▽: dominated. ?: uncertain time.\n\n"
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::report::rows::Outcome;
+    use std::path::Path;
 
-    fn row(scene: &str, technique: &str, time: f64, error: f64) -> Row {
+    fn row(technique: &str, time: f64, error: f64) -> Row {
         Row {
-            trace_ms: Some(time / 2.0),
             flip_reflection_reference: Some(0.0712),
+            bias: Some(-0.002),
+            bias_percent: Some(-1.234),
             nonfinite: Some(0),
-            ..Row::example(scene, technique, time, error)
+            ..Row::example("atrium", technique, time, error)
         }
     }
 
     fn markdown(rows: &[Row]) -> String {
-        let charts = BTreeMap::from([(
-            "atrium".to_owned(),
-            vec![("error and time".to_owned(), "charts/atrium.svg".to_owned())],
-        )]);
-        Summary {
+        let charts = [("error and time".to_owned(), "charts/atrium.svg".to_owned())];
+        let results = Results {
+            out: Path::new(""),
             machine: &Machine::default(),
             protocol: &Protocol::new(true, true),
             tables: &Tables {
                 rows: rows.to_vec(),
                 ..Tables::default()
             },
-            facts: &BTreeMap::new(),
-            charts: &charts,
-        }
-        .to_markdown()
+        };
+        results.summary(
+            &BTreeMap::new(),
+            &BTreeMap::from([("atrium".to_owned(), charts.into())]),
+        )
     }
 
     #[test]
-    fn the_summary_has_the_papers_numbers_beside_ours() {
+    fn the_summary_has_all_tables() {
         let rows = [
-            row("atrium", "reference", 2.0, 0.01),
-            row("atrium", "quarter", 1.0, 0.02),
-            row("atrium", "vrs-roughness", 0.9, 0.03),
-            row("atrium", "ssr", 1.5, 0.05),
+            row("reference", 2.0, 0.01),
+            row("quarter", 1.0, 0.02),
+            row("vrs-roughness", 0.9, 0.03),
+            row("ssr", 1.5, 0.05),
         ];
         let text = markdown(&rows);
-        assert!(text.contains("| quarter | 1.000 | *0.971* |"), "{text}");
-        assert!(text.contains("| quarter | 0.0712 | *0.063* |"), "{text}");
-        assert!(text.contains("| quarter | 100.0 % | *100.0 %* |"), "{text}");
-        assert!(text.contains("![error and time](charts/atrium.svg)"));
-        assert!(text.contains("## Is the error of a variable rate at most the paper's?"));
-        assert!(text.contains("3 timed frames per technique in 3 rounds"), "{text}");
-        assert!(!text.contains("Bistro"), "scenes that weren't measured have no column");
-        // The front: everything except rows that are both slower and worse.
-        assert!(text.contains("| reference ★ |") && text.contains("| vrs-roughness ★ |") && text.contains("| ssr |"));
+        for part in [
+            "3 timed frames per technique in 3 rounds",
+            "median: ±1.0 %",
+            "## The paper's table 3",
+            "at most the paper's?",
+            "| atrium | quarter | bvh | -1.23 % | -0.00200 |",
+            "![error and time](charts/atrium.svg)",
+            // The front: everything except rows that are both slower and worse.
+            "| reference ★ |",
+            "| vrs-roughness ★ |",
+            "| ssr |",
+        ] {
+            assert!(text.contains(part), "{part}\n{text}");
+        }
         // All lines of a table have the same number of cells.
         let cells = |line: &str| line.matches('|').count();
         let lines: Vec<&str> = text.lines().collect();
@@ -359,19 +289,51 @@ mod tests {
     }
 
     #[test]
-    fn noise_is_admitted() {
-        let calm = markdown(&[
-            row("atrium", "reference", 2.0, 0.01),
-            row("atrium", "quarter", 1.0, 0.02),
-        ]);
-        assert!(calm.contains("No technique was noisier"), "{calm}");
-        let noisy = Row {
-            ratio_low: Some(0.3),
-            ratio_high: Some(1.2),
-            ..row("atrium", "quarter", 1.0, 0.02)
+    fn uncertain_times_are_marked() {
+        let of = |technique: &str, low: f64, high: f64| Row {
+            ratio: Some(0.5),
+            ratio_low: Some(low),
+            ratio_high: Some(high),
+            ..row(technique, 1.0, 0.02)
         };
-        let text = markdown(&[row("atrium", "reference", 2.0, 0.01), noisy]);
-        assert!(text.contains("too noisy") && text.contains("**Not decided**"), "{text}");
+        for (row, expected) in [
+            (of("quarter", 0.49, 0.51), false),
+            (of("quarter", 0.4, 0.6), true),
+            (of("quarter", 0.99, 1.01), true),
+            (of("reference", 0.99, 1.01), false),
+        ] {
+            assert_eq!(
+                markdown(std::slice::from_ref(&row)).contains("| 50.0 % ? |"),
+                expected,
+                "{row:?}"
+            );
+        }
+    }
+
+    #[test]
+    fn biases_of_the_light_are_marked_beyond_their_noise() {
+        let with = |technique: &str, percent: f64, half: f64, still: f64| Row {
+            light_bias_percent: Some(percent),
+            light_bias_low: Some(percent - half),
+            light_bias_high: Some(percent + half),
+            static_light_bias_percent: Some(still),
+            truth_halves_percent: Some(-0.04),
+            ..row(technique, 1.0, 0.05)
+        };
+        let calm = with("quarter", -1.5, 0.6, 0.2);
+        let line = "| -1.23 % | -0.00200 | -1.50 % | -2.10 to -0.90 | +0.20 % | - | -0.04 % | |\n";
+        let text = markdown(&[calm]);
+        assert!(text.contains(line), "{text}");
+        for (row, expected) in [
+            (with("reference", 0.9, 0.1, 0.0), ""),
+            (with("paper", 4.0, 0.1, 0.6), ""),
+            (with("quarter", -1.5, 0.4, 0.6), "**motion, static**"),
+            (with("quarter", 1.5, 0.4, 0.0), "**motion**"),
+            (with("quarter", 1.5, 0.6, -0.6), "**static**"),
+            (row("quarter", 1.0, 0.05), ""),
+        ] {
+            assert_eq!(beyond_limits(&row), expected, "{row:?}");
+        }
     }
 
     #[test]
@@ -379,10 +341,12 @@ mod tests {
         let failed = Row {
             outcome: Outcome::Failed,
             note: "the device was lost".into(),
-            ..row("atrium", "low", 1.0, 0.1)
+            ..row("low", 1.0, 0.1)
         };
         let text = markdown(&[failed]);
-        assert!(text.contains("low in atrium failed: the device was lost"), "{text}");
-        assert!(text.contains("Nothing was measured."));
+        assert!(
+            text.contains("| atrium | low | bvh | failed | the device was lost |"),
+            "{text}"
+        );
     }
 }

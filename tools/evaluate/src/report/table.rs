@@ -1,28 +1,22 @@
 //! Makes rows from the state of jobs.
 
 use super::{
-    decomposition::{self, SplitRow},
+    decomposition,
     dominance::{mean_error, to_text},
     light_bias::{light_bias, light_floor},
-    objects::{self, ObjectRow},
-    rows::{Outcome, Row, significant},
-    stats::{mean, median_interval, paired_ratio, quantile},
+    objects,
+    rows::{Outcome, Row, columns, scenes, significant},
+    tables::Tables,
 };
 use crate::{
-    compare::{
-        log::ComparisonLog,
-        pool::Problems,
-        score::{Errors, ViewErrors},
-    },
+    compare::{log::ComparisonLog, pool::Problems, score::ViewErrors},
     files::read_json,
     job::{Job, Variant},
     machine::Machine,
     state::{FRAME, LIGHTING, RAYS, Round, SceneFacts, ShownSums, Store, TOTAL, TrueSums},
+    stats::{mean, median_interval, paired_ratio, quantile},
 };
-use std::{
-    collections::{BTreeMap, BTreeSet},
-    path::Path,
-};
+use std::{collections::BTreeMap, path::Path};
 
 /// Digits of the values in files.
 const DIGITS: i32 = 5;
@@ -75,28 +69,18 @@ pub fn rows(job: &Job, machine: &Machine, log: &ComparisonLog, failure: Option<&
         .collect()
 }
 
-/// The biases of named objects, for each row of a job.
-pub fn objects(job: &Job, rows: &[Row]) -> Vec<ObjectRow> {
+/// The tables of a job, with its rows.
+pub fn tables(job: &Job, rows: Vec<Row>) -> Tables {
     let store = Store::new(job);
     let truth = true_sums(job);
-    let pairs = job.variants.iter().zip(rows);
-    pairs
-        .filter_map(|(variant, row)| Some(objects::rows(row, &truth, &store.load_captured(variant)?.light)))
-        .flatten()
-        .collect()
-}
-
-/// Noise and bias, for each row of a job.
-pub fn splits(job: &Job, rows: &[Row]) -> Vec<SplitRow> {
-    let store = Store::new(job);
-    let pairs = job.variants.iter().zip(rows);
-    pairs
-        .filter_map(|(variant, row)| {
-            let views = store.load_captured(variant)?.splits;
-            Some(decomposition::rows(row, &views, job.protocol.runs))
-        })
-        .flatten()
-        .collect()
+    let (mut objects, mut splits) = (Vec::new(), Vec::new());
+    for (variant, row) in job.variants.iter().zip(&rows) {
+        if let Some(captured) = store.load_captured(variant) {
+            objects.extend(objects::rows(row, &truth, &captured.light));
+            splits.extend(decomposition::rows(row, &captured.splits, job.protocol.runs));
+        }
+    }
+    Tables { rows, objects, splits }
 }
 
 fn true_sums(job: &Job) -> Vec<TrueSums> {
@@ -143,7 +127,8 @@ fn times(row: &mut Row, variant: &Variant, rounds: &[Round]) {
         let values = rounds.iter().filter_map(|round| round.get(&id)?.get(name));
         values.flatten().copied().collect()
     };
-    let median = |name: &str| quantile(&all(name), 0.5).map(|value| significant(value, DIGITS));
+    let digits = |value: f64| significant(value, DIGITS);
+    let median = |name: &str| quantile(&all(name), 0.5).map(digits);
     row.frames = all(FRAME).len() as u32;
     row.frame_ms = median(FRAME);
     row.lighting_ms = median(LIGHTING);
@@ -152,21 +137,16 @@ fn times(row: &mut Row, variant: &Variant, rounds: &[Round]) {
         return;
     }
     let total = all(TOTAL);
-    let digits = |value: f64| significant(value, DIGITS);
-    row.total_ms = quantile(&total, 0.5).map(digits);
+    row.total_ms = median(TOTAL);
     row.total_p95_ms = quantile(&total, 0.95).map(digits);
-    let interval = median_interval(&total);
-    row.total_low_ms = interval.map(|interval| digits(interval.low));
-    row.total_high_ms = interval.map(|interval| digits(interval.high));
+    let ends = median_interval(&total).map(|(low, high)| (digits(low), digits(high)));
+    (row.total_low_ms, row.total_high_ms) = ends.unzip();
     let by_round = |id: &str| -> Vec<Option<f64>> {
         let rounds = rounds.iter();
         rounds.map(|round| quantile(round.get(id)?.get(TOTAL)?, 0.5)).collect()
     };
-    if let Some((ratio, interval)) = paired_ratio(&by_round(&id), &by_round("reference")) {
-        row.ratio = Some(digits(ratio));
-        row.ratio_low = interval.map(|interval| digits(interval.low));
-        row.ratio_high = interval.map(|interval| digits(interval.high));
-    }
+    let ratio = paired_ratio(&by_round(&id), &by_round("reference"));
+    [row.ratio, row.ratio_low, row.ratio_high] = columns(ratio, DIGITS);
     for (name, value) in [
         ("rate", &mut row.rate_ms),
         ("trace", &mut row.trace_ms),
@@ -182,62 +162,48 @@ fn times(row: &mut Row, variant: &Variant, rounds: &[Round]) {
     row.rays_per_pixel = row.rays.map(|rays| digits(rays / pixels));
 }
 
-fn scores(row: &mut Row, errors: &Errors) {
+fn scores(row: &mut Row, errors: &[ViewErrors]) {
     let digits = |value: f64| significant(value, DIGITS);
-    let over_views = |get: fn(&ViewErrors) -> Option<f64>| mean(&errors.values(get)).map(digits);
+    let values = |get: fn(&ViewErrors) -> Option<f64>| errors.iter().filter_map(get).collect::<Vec<f64>>();
+    let over_views = |get| mean(&values(get)).map(digits);
     row.flip_reflection_reference = over_views(|view| view.reflection_reference);
     row.flip_final_reference = over_views(|view| view.final_reference);
     row.flip_reflection_converged = over_views(|view| view.reflection_converged);
-    let runs: Vec<Vec<f64>> = errors.views.iter().map(|view| view.reflection_runs.clone()).collect();
+    let runs: Vec<Vec<f64>> = errors.iter().map(|view| view.reflection_runs.clone()).collect();
     if !runs.is_empty() && runs.iter().all(|runs| !runs.is_empty()) {
-        row.flip_reflection_converged = mean_error(&runs).map(|(error, _)| digits(error));
+        row.flip_reflection_converged = mean_error(&runs).map(|error| digits(error.value));
         row.flip_reflection_runs = to_text(&runs);
     }
     row.flip_final_converged = over_views(|view| view.final_converged);
-    let all = errors.values(|view| view.final_converged);
+    let all = values(|view| view.final_converged);
     row.flip_final_converged_min = quantile(&all, 0.0).map(digits);
     row.flip_final_converged_max = quantile(&all, 1.0).map(digits);
     row.psnr_db = over_views(|view| view.psnr_db);
     row.bias = over_views(|view| view.bias);
     // Sums over all views, so that a dark one doesn't weigh more than a bright one.
-    let (bias, light) = (
-        errors.values(|view| view.bias),
-        errors.values(|view| view.truth_luminance),
-    );
-    row.bias_percent = match (mean(&bias), mean(&light)) {
-        (Some(bias), Some(light)) if light > 0.0 => Some(digits(100.0 * bias / light)),
-        _ => None,
-    };
+    let light = mean(&values(|view| view.truth_luminance)).filter(|light| *light > 0.0);
+    let bias = mean(&values(|view| view.bias)).zip(light);
+    row.bias_percent = bias.map(|(bias, light)| digits(100.0 * bias / light));
     row.recovery_1 = over_views(|view| view.recovery[0]);
     row.recovery_4 = over_views(|view| view.recovery[1]);
     row.recovery_16 = over_views(|view| view.recovery[2]);
 }
 
 fn light(row: &mut Row, truth: &[TrueSums], shown: &[ShownSums]) {
-    let digits = |value: f64| significant(value, DIGITS);
-    let bias = |runs: fn(&ShownSums) -> &[Vec<f64>]| {
-        let views = truth.iter().zip(shown).map(|(truth, shown)| (truth, runs(shown)));
-        // Not all views have static frames.
-        let views: Vec<_> = views.filter(|(_, runs)| !runs.is_empty()).collect();
-        light_bias(&views)
-    };
-    if let Some(bias) = bias(|shown| &shown.motion) {
-        row.light_bias_percent = Some(digits(bias.percent));
-        row.light_bias_low = bias.interval.map(|interval| digits(interval.low));
-        row.light_bias_high = bias.interval.map(|interval| digits(interval.high));
-        row.truth_halves_percent = light_floor(truth).map(digits);
-    }
-    if let Some(bias) = bias(|shown| &shown.still) {
-        row.static_light_bias_percent = Some(digits(bias.percent));
-        row.static_light_bias_low = bias.interval.map(|interval| digits(interval.low));
-        row.static_light_bias_high = bias.interval.map(|interval| digits(interval.high));
-    }
+    let motion = light_bias(truth, shown, |shown| &shown.motion);
+    [row.light_bias_percent, row.light_bias_low, row.light_bias_high] = columns(motion, DIGITS);
+    let floor = motion.and_then(|_| light_floor(truth));
+    row.truth_halves_percent = floor.map(|percent| significant(percent, DIGITS));
+    [
+        row.static_light_bias_percent,
+        row.static_light_bias_low,
+        row.static_light_bias_high,
+    ] = columns(light_bias(truth, shown, |shown| &shown.still), DIGITS);
 }
 
 /// Facts about each scene that rows are about, by its name.
 pub fn facts(out: &Path, rows: &[Row]) -> BTreeMap<String, SceneFacts> {
-    let scenes: BTreeSet<&str> = rows.iter().map(|row| row.scene.as_str()).collect();
-    let known = scenes
+    let known = scenes(rows)
         .into_iter()
         .filter_map(|scene| Some((scene.to_owned(), read_json(&Store::of_scene(out, scene).facts())?)));
     known.collect()
@@ -311,11 +277,8 @@ mod tests {
             truth_luminance: Some(light),
             ..ViewErrors::default()
         };
-        let errors = Errors {
-            views: vec![view(0.1, 0.1), view(0.3, 0.3), ViewErrors::default()],
-        };
         let mut row = row();
-        scores(&mut row, &errors);
+        scores(&mut row, &[view(0.1, 0.1), view(0.3, 0.3), ViewErrors::default()]);
         assert_eq!(row.flip_final_converged, Some(0.2));
         assert_eq!(
             (row.flip_final_converged_min, row.flip_final_converged_max),
@@ -362,12 +325,8 @@ mod tests {
         }
         write_json(&store.round(0), &round(&[("low", &[1.0]), ("high", &[2.0])])).unwrap();
         let log = ComparisonLog::open(ComparisonLog::file_in(out));
-        let entry = Entry {
-            job: job.id(),
-            variant: "low".into(),
-            ..Entry::default()
-        };
-        log.append(entry).unwrap();
+        let key = (job.id(), "low".to_owned(), 0);
+        log.append(&key, &Entry::default()).unwrap();
         let problems = BTreeMap::from([(("atrium".to_owned(), "high".to_owned()), "an image is gone".to_owned())]);
         let rows = rows(&job, &Machine::default(), &log, Some("it was cancelled"), &problems);
         assert!(rows[0].is_ok() && rows[0].nonfinite == Some(0), "{:?}", rows[0]);

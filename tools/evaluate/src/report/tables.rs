@@ -1,10 +1,10 @@
 //! All tables of a folder of results.
 
 use super::{
-    decomposition::{self, SplitRow},
+    decomposition::SplitRow,
     dominance,
-    objects::{self, ObjectRow},
-    rows::{self, Row},
+    objects::ObjectRow,
+    rows::{self, Row, replace},
 };
 use serde::de::DeserializeOwned;
 use std::path::Path;
@@ -41,9 +41,10 @@ impl Tables {
 
     /// These tables with newer rows in the place of older ones about the same.
     pub fn merge(self, new: Tables) -> Self {
-        let objects = objects::merge(self.objects, &new.rows, new.objects);
-        let splits = decomposition::merge(self.splits, &new.rows, new.splits);
-        let mut rows = rows::merge(self.rows, new.rows);
+        let objects = replace(self.objects, &new.rows, new.objects);
+        let splits = replace(self.splits, &new.rows, new.splits);
+        let mut rows = replace(self.rows, &new.rows, new.rows.clone());
+        rows::sort(&mut rows);
         // Other rows can be faster and closer than these.
         dominance::fill(&mut rows);
         Self { rows, objects, splits }

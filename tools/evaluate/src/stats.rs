@@ -1,14 +1,24 @@
-//! Medians, their confidence intervals, and ratios that noise can't fake.
+//! Means, quantiles, variances with their confidence intervals of 95 %, and the Pareto front.
 
 use glint_scenes::Random;
 
-/// A range that contains the true value with a probability of about 95 %.
+/// A value with its 95 % confidence interval.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Interval {
-    /// Lower end.
-    pub low: f64,
-    /// Upper end.
-    pub high: f64,
+pub struct Estimate {
+    /// The value.
+    pub value: f64,
+    /// Lower and upper end; `None` of a single sample.
+    pub interval: Option<(f64, f64)>,
+}
+
+impl Estimate {
+    /// The estimate on another scale.
+    pub fn map(self, scale: impl Fn(f64) -> f64) -> Self {
+        Self {
+            value: scale(self.value),
+            interval: self.interval.map(|(low, high)| (scale(low), scale(high))),
+        }
+    }
 }
 
 fn sorted(values: &[f64]) -> Vec<f64> {
@@ -19,10 +29,7 @@ fn sorted(values: &[f64]) -> Vec<f64> {
 
 /// A share of the values from below, interpolated: 0.5 is the median. Values that aren't finite are left out; `None` without any.
 pub fn quantile(values: &[f64], share: f64) -> Option<f64> {
-    quantile_of_sorted(&sorted(values), share)
-}
-
-fn quantile_of_sorted(sorted: &[f64], share: f64) -> Option<f64> {
+    let sorted = sorted(values);
     let last = sorted.len().checked_sub(1)?;
     let place = share.clamp(0.0, 1.0) * last as f64;
     let (low, high) = (sorted[place.floor() as usize], sorted[place.ceil() as usize]);
@@ -40,14 +47,11 @@ pub fn mean(values: &[f64]) -> Option<f64> {
 /// values it is their range, which has a lower confidence than 95 %.
 ///
 /// Frames along a camera path differ for good reasons, and that spread is part of the interval.
-pub fn median_interval(values: &[f64]) -> Option<Interval> {
+pub fn median_interval(values: &[f64]) -> Option<(f64, f64)> {
     let sorted = sorted(values);
     let last = sorted.len().checked_sub(1)?;
     let rank = outer_rank(sorted.len()).min(last / 2);
-    Some(Interval {
-        low: sorted[rank],
-        high: sorted[last - rank],
-    })
+    Some((sorted[rank], sorted[last - rank]))
 }
 
 /// The largest rank `j` for which at most `j` of `n` fair coins show heads with a probability of at most 2.5 %.
@@ -69,12 +73,12 @@ fn outer_rank(n: usize) -> usize {
     rank
 }
 
-/// The ratio `a / b` of two quantities that were measured in the same rounds, and its 95 % interval.
+/// The ratio `a / b` of two quantities that were measured in the same rounds.
 ///
 /// Each round gives one ratio, so that changes between rounds that affect both (the position on the path, the clock of a warm GPU) cancel
 /// out. The estimate is the geometric mean. The interval comes from resampling the rounds, always with the same random numbers. The result
 /// is `None` without a common round, and has no interval if there is only one.
-pub fn paired_ratio(a: &[Option<f64>], b: &[Option<f64>]) -> Option<(f64, Option<Interval>)> {
+pub fn paired_ratio(a: &[Option<f64>], b: &[Option<f64>]) -> Option<Estimate> {
     const RESAMPLES: usize = 2000;
     let usable = |value: &Option<f64>| value.filter(|value| value.is_finite() && *value > 0.0);
     let logs: Vec<f64> = a
@@ -82,29 +86,68 @@ pub fn paired_ratio(a: &[Option<f64>], b: &[Option<f64>]) -> Option<(f64, Option
         .zip(b)
         .filter_map(|(a, b)| Some((usable(a)? / usable(b)?).ln()))
         .collect();
-    let estimate = mean(&logs)?.exp();
-    if logs.len() < 2 {
-        return Some((estimate, None));
-    }
+    let value = mean(&logs)?;
     let mut random = Random::new(0x6c69_6e74);
-    let mut means: Vec<f64> = (0..RESAMPLES)
-        .map(|_| {
-            let sum: f64 = (0..logs.len()).map(|_| logs[random.below(logs.len())]).sum();
-            sum / logs.len() as f64
-        })
-        .collect();
-    means.sort_by(f64::total_cmp);
-    let end = |share| quantile_of_sorted(&means, share).map(f64::exp);
-    let interval = Interval {
-        low: end(0.025)?,
-        high: end(0.975)?,
-    };
-    Some((estimate, Some(interval)))
+    let resample = |_| (0..logs.len()).map(|_| logs[random.below(logs.len())]).sum::<f64>() / logs.len() as f64;
+    let means: Vec<f64> = (0..RESAMPLES).map(resample).collect();
+    let interval = quantile(&means, 0.025).zip(quantile(&means, 0.975));
+    let interval = interval.filter(|_| logs.len() > 1);
+    Some(Estimate { value, interval }.map(f64::exp))
+}
+
+/// The mean of some values and their variance: the sum of squares over one less than their number. Both are NaN if there are too few.
+pub fn mean_and_variance(values: impl Iterator<Item = f64> + Clone) -> (f64, f64) {
+    let (sum, count) = values
+        .clone()
+        .fold((0.0, 0.0), |(sum, count), value| (sum + value, count + 1.0));
+    let mean = sum / count;
+    let squares: f64 = values.map(|value| (value - mean).powi(2)).sum();
+    (mean, squares / (count - 1.0))
+}
+
+/// The variance of a sum of independent parts, each with its degrees of freedom.
+#[derive(Clone, Copy, Default)]
+pub struct Variance {
+    sum: f64,
+    /// Term of Welch and Satterthwaite: squares over degrees of freedom.
+    squares: f64,
+}
+
+impl Variance {
+    /// Adds the variance of a part.
+    pub fn add(&mut self, variance: f64, freedom: f64) {
+        self.sum += variance;
+        self.squares += variance * variance / freedom;
+    }
+
+    /// The 95 % interval of a sum.
+    pub fn around(&self, sum: f64) -> (f64, f64) {
+        // The degrees of freedom of a single part come back with an error of rounding.
+        let freedom = self.sum * self.sum / self.squares * (1.0 + 1e-9);
+        let half = if self.squares > 0.0 {
+            t_quantile(freedom) * self.sum.sqrt()
+        } else {
+            0.0
+        };
+        (sum - half, sum + half)
+    }
+}
+
+/// The mean of values with the interval of Student's distribution; `None` without values.
+pub fn student(values: &[f64]) -> Option<Estimate> {
+    let count = values.len() as f64;
+    let (value, variance) = mean_and_variance(values.iter().copied());
+    let mut of_mean = Variance::default();
+    of_mean.add(variance / count, count - 1.0);
+    (!values.is_empty()).then(|| Estimate {
+        value,
+        interval: (values.len() > 1).then(|| of_mean.around(value)),
+    })
 }
 
 /// The 97.5 % quantile of Student's distribution: 95 % lie within it to either side. Degrees of freedom need not be whole, and are rounded
 /// down, which widens intervals.
-pub fn t_quantile(freedom: f64) -> f64 {
+fn t_quantile(freedom: f64) -> f64 {
     const TABLE: [f64; 30] = [
         12.706, 4.303, 3.182, 2.776, 2.571, 2.447, 2.365, 2.306, 2.262, 2.228, 2.201, 2.179, 2.160, 2.145, 2.131,
         2.120, 2.110, 2.101, 2.093, 2.086, 2.080, 2.074, 2.069, 2.064, 2.060, 2.056, 2.052, 2.048, 2.045, 2.042,
@@ -141,6 +184,12 @@ pub fn pareto_front(points: &[(f64, f64)]) -> Vec<usize> {
     order
 }
 
+/// A random number for tests: about normal, with a variance of 1.
+#[cfg(test)]
+pub fn normal(random: &mut Random) -> f64 {
+    (0..12).map(|_| f64::from(random.unit())).sum::<f64>() - 6.0
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -165,8 +214,8 @@ mod tests {
         let exact = outer_rank(200) as f64;
         assert!(((n - 1.959_964 * n.sqrt()) / 2.0 - 1.0 - exact).abs() < 1.5);
         let values: Vec<f64> = (0..20).map(f64::from).collect();
-        assert_eq!(median_interval(&values), Some(Interval { low: 5.0, high: 14.0 }));
-        assert_eq!(median_interval(&[4.0]), Some(Interval { low: 4.0, high: 4.0 }));
+        assert_eq!(median_interval(&values), Some((5.0, 14.0)));
+        assert_eq!(median_interval(&[4.0]), Some((4.0, 4.0)));
         assert_eq!(median_interval(&[]), None);
     }
 
@@ -177,7 +226,7 @@ mod tests {
         let held = (0..trials)
             .filter(|_| {
                 let values: Vec<f64> = (0..25).map(|_| random.below(1_000_001) as f64).collect();
-                median_interval(&values).is_some_and(|interval| (interval.low..=interval.high).contains(&500_000.0))
+                median_interval(&values).is_some_and(|(low, high)| (low..=high).contains(&500_000.0))
             })
             .count();
         let share = held as f64 / f64::from(trials);
@@ -193,6 +242,22 @@ mod tests {
     }
 
     #[test]
+    fn variances_of_parts_add_up() {
+        let values = [1.0, 2.0, 3.0, 4.0, 5.0];
+        assert_eq!(mean_and_variance(values.into_iter()), (3.0, 2.5));
+        let (low, high) = student(&values).unwrap().interval.unwrap();
+        let half = 2.776 * 0.5f64.sqrt();
+        assert!((low - 3.0 + half).abs() < 1e-9 && (high - 3.0 - half).abs() < 1e-9);
+        // Two equal parts have twice the variance and twice the degrees of freedom.
+        let mut two = Variance::default();
+        two.add(0.5, 4.0);
+        two.add(0.5, 4.0);
+        assert!((two.around(0.0).1 - 2.306).abs() < 1e-9);
+        assert_eq!(student(&[2.0]).map(|one| (one.value, one.interval)), Some((2.0, None)));
+        assert_eq!(student(&[]), None);
+    }
+
+    #[test]
     fn paired_ratios_see_through_what_both_share() {
         // The machine slows down by a factor of three; the ratio stays 0.8 within 1 %.
         let b: Vec<Option<f64>> = (0..12).map(|i| Some(1.0 + f64::from(i) / 6.0)).collect();
@@ -201,18 +266,13 @@ mod tests {
             .enumerate()
             .map(|(i, b)| b.map(|b| b * if i % 2 == 0 { 0.795 } else { 0.805 }))
             .collect();
-        let (ratio, interval) = paired_ratio(&a, &b).unwrap();
-        let interval = interval.unwrap();
-        assert!((ratio - 0.8).abs() < 1e-3);
-        assert!(
-            interval.low <= 0.8 && (0.8..0.81).contains(&interval.high),
-            "{interval:?}"
-        );
+        let ratio = paired_ratio(&a, &b).unwrap();
+        let (low, high) = ratio.interval.unwrap();
+        assert!((ratio.value - 0.8).abs() < 1e-3);
+        assert!(low <= 0.8 && (0.8..0.81).contains(&high), "{ratio:?}");
         // Rounds that one of them lacks don't count.
-        assert_eq!(
-            paired_ratio(&[Some(5.0), None], &[Some(5.0), Some(1.0)]),
-            Some((1.0, None))
-        );
+        let once = paired_ratio(&[Some(5.0), None], &[Some(5.0), Some(1.0)]).unwrap();
+        assert_eq!((once.value, once.interval), (1.0, None));
         assert_eq!(paired_ratio(&[None], &[Some(1.0)]), None);
     }
 
