@@ -8,18 +8,14 @@ use crate::{
     progress::Progress,
     state::Store,
 };
-use std::{
-    env, fs,
-    io::{BufRead, BufReader},
-    path::Path,
-    process::{Child, Command, Stdio},
-    sync::mpsc::{self, RecvTimeoutError},
-    thread,
-    time::Duration,
-};
+use glint_scenes::{WorkerLimits, run_worker, this_program};
+use std::{fs, path::Path, process::Stdio, time::Duration};
 
-/// A process without output for this long hangs.
-const PATIENCE: Duration = Duration::from_secs(15 * 60);
+/// A process without output for 15 minutes hangs.
+const LIMITS: WorkerLimits = WorkerLimits {
+    silence: Duration::from_secs(15 * 60),
+    total: Duration::MAX,
+};
 
 /// Events of a job for its callers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -81,72 +77,33 @@ pub fn run(job: &Job, progress: &mut Progress, notify: &mut dyn FnMut(Notice)) -
     result
 }
 
-fn this_program() -> Result<Command, String> {
-    let program = env::current_exe().map_err(|error| format!("this program can't be found: {error}"))?;
-    let mut command = Command::new(program);
-    command.stdin(Stdio::null());
-    Ok(command)
-}
-
 fn attempt(job: &Job, file: &Path, progress: &mut Progress, notify: &mut dyn FnMut(Notice)) -> Result<End, String> {
     let log = Store::new(job).folder().join("log.txt");
     let errors = fs::File::options().create(true).append(true).open(&log);
-    let errors = errors.map_err(|error| format!("{} can't be written: {error}", log.display()))?;
-    let mut child = this_program()?
-        .arg("--job")
-        .arg(file)
-        .stdout(Stdio::piped())
-        .stderr(errors)
-        .spawn()
-        .map_err(|error| format!("the measuring process can't be started: {error}"))?;
-    let (refusal, hung) = listen(&mut child, job, progress, notify);
-    if hung {
-        // Its exit status has the rest.
-        _ = child.kill();
-    }
-    let status = child.wait();
-    let status = status.map_err(|error| format!("the measuring process is lost: {error}"))?;
     let log = log.display();
-    Ok(match refusal {
-        _ if status.success() => End::Done,
-        Some(reason) => End::Refused(reason),
-        None if hung => End::Died(format!("it hung for {} minutes; see {log}", PATIENCE.as_secs() / 60)),
-        None => End::Died(format!("the process died ({status}); see {log}")),
-    })
-}
-
-/// Follows a process until it closes its output. Returns its reason for giving up, if it reported one, and true if it hangs.
-fn listen(
-    child: &mut Child,
-    job: &Job,
-    progress: &mut Progress,
-    notify: &mut dyn FnMut(Notice),
-) -> (Option<String>, bool) {
-    let Some(output) = child.stdout.take() else {
-        return (None, false);
-    };
-    let (sender, messages) = mpsc::channel();
-    // Ends with the output, or with the first message after this function has returned.
-    thread::spawn(move || {
-        let lines = BufReader::new(output).lines().map_while(Result::ok);
-        let mut messages = lines.filter_map(|line| Message::parse(&line));
-        messages.try_for_each(|message| sender.send(message))
-    });
+    let errors = errors.map_err(|error| format!("{log} can't be written: {error}"))?;
     let mut refusal = None;
-    loop {
-        match messages.recv_timeout(PATIENCE) {
-            Ok(Message::Frames(count)) => progress.advance(count),
-            Ok(Message::Skipped(count)) => progress.skip(count),
-            Ok(Message::Doing(text)) => progress.label(format!("{}: {text}", job.id())),
-            Ok(Message::Captured) => notify(Notice::Captured),
-            Ok(Message::Timing) => notify(Notice::Timing),
-            Ok(Message::Warning(text)) => progress.note(format_args!("{}: {text}", job.id())),
-            Ok(Message::Failed(reason)) => refusal = Some(reason),
-            Ok(Message::Machine(_)) => {}
-            Err(RecvTimeoutError::Disconnected) => return (refusal, false),
-            Err(RecvTimeoutError::Timeout) => return (refusal, true),
-        }
-    }
+    let mut receive = |line: &str| match Message::parse(line) {
+        Some(Message::Frames(count)) => progress.advance(count),
+        Some(Message::Skipped(count)) => progress.skip(count),
+        Some(Message::Doing(text)) => progress.label(format!("{}: {text}", job.id())),
+        Some(Message::Captured) => notify(Notice::Captured),
+        Some(Message::Timing) => notify(Notice::Timing),
+        Some(Message::Warning(text)) => progress.note(format_args!("{}: {text}", job.id())),
+        Some(Message::Failed(reason)) => refusal = Some(reason),
+        Some(Message::Machine(_)) | None => {}
+    };
+    let ended = run_worker(
+        this_program()?.arg("--job").arg(file).stderr(errors),
+        LIMITS,
+        &mut receive,
+    );
+    Ok(match (ended, refusal) {
+        (Ok(status), _) if status.success() => End::Done,
+        (_, Some(reason)) => End::Refused(reason),
+        (Ok(status), None) => End::Died(format!("the process died ({status}); see {log}")),
+        (Err(how), None) => End::Died(format!("{how}; see {log}")),
+    })
 }
 
 /// Queries this machine's capabilities in a separate process, since a driver can crash; fails without a GPU that can trace.

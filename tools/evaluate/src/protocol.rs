@@ -127,7 +127,6 @@ impl Protocol {
                 views: 3,
                 runs: 2,
                 samples: 512,
-                detail: 1.0,
                 texture_size: 256,
                 ..full
             },
@@ -164,10 +163,7 @@ impl Protocol {
                 texture_size: 64,
                 shadow_size: 512,
                 cascades: 1,
-                cameras: Vec::new(),
-                path: None,
-                decompose: false,
-                shaders: None,
+                ..full
             },
         }
     }

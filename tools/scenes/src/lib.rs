@@ -1,4 +1,5 @@
-//! Scenes built from code and a harness that renders them without a window: shared by the examples, the tests and the measurements.
+//! Scenes built from code, a harness that renders them without a window, and worker processes: shared by the examples, the tests and the
+//! measurements.
 //!
 //! Units are metres, lumens, lux and cd/m², as in Bevy. No code here depends on the reflections: every scene renders with plain Bevy.
 
@@ -39,6 +40,8 @@ mod small;
 mod street;
 mod temple;
 mod texture;
+#[cfg(not(target_arch = "wasm32"))]
+mod worker;
 
 #[cfg(not(target_arch = "wasm32"))]
 pub use alone::is_alone;
@@ -66,6 +69,8 @@ pub use random::Random;
 #[cfg(not(target_arch = "wasm32"))]
 pub use recorded_path::RecordedPath;
 pub use scene::{SceneName, UnknownScene, camera, environment, spawn, spawn_with};
-pub use sky::{Sky, sun_direction};
+pub use sky::{Sky, even_cube, sun_direction};
 pub use small::FURNACE_ROUGHNESS;
 pub use texture::{Content, Texel, TextureSet, drop_anisotropy, mip_chain};
+#[cfg(not(target_arch = "wasm32"))]
+pub use worker::{WorkerLimits, run_worker, this_program};

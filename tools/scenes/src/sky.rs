@@ -3,10 +3,10 @@
 use crate::random::{noise, smooth};
 use bevy::{
     asset::{Assets, RenderAssetUsages},
-    image::{Image, ImageSampler},
+    image::{Image, ImageSampler, ToExtents},
     light::EnvironmentMapLight,
-    math::{Vec2, Vec3, ops, vec2, vec3},
-    render::render_resource::{Extent3d, TextureDimension, TextureFormat, TextureViewDescriptor, TextureViewDimension},
+    math::{UVec3, Vec2, Vec3, ops, vec2, vec3},
+    render::render_resource::{TextureDimension, TextureFormat, TextureViewDescriptor, TextureViewDimension},
 };
 use half::f16;
 use rayon::prelude::*;
@@ -229,24 +229,29 @@ fn cube_image(levels: &[Cube]) -> Image {
             }
         }
     }
-    let extent = Extent3d {
-        width: size,
-        height: size,
-        depth_or_array_layers: 6,
-    };
     let mut image = Image::new_uninit(
-        extent,
+        UVec3::new(size, size, 6).to_extents(),
         TextureDimension::D2,
         TextureFormat::Rgba16Float,
         RenderAssetUsages::default(),
     );
     image.texture_descriptor.mip_level_count = levels.len().max(1) as u32;
+    image.data = Some(data);
+    as_cube(image)
+}
+
+/// A cube map of equal texels.
+pub fn even_cube(side: u32, texel: &[u8], format: TextureFormat) -> Image {
+    let (size, usage) = (UVec3::new(side, side, 6).to_extents(), RenderAssetUsages::default());
+    as_cube(Image::new_fill(size, TextureDimension::D2, texel, format, usage))
+}
+
+fn as_cube(mut image: Image) -> Image {
     image.texture_view_descriptor = Some(TextureViewDescriptor {
         dimension: Some(TextureViewDimension::Cube),
         ..Default::default()
     });
     image.sampler = ImageSampler::linear();
-    image.data = Some(data);
     image
 }
 

@@ -19,6 +19,7 @@ use crate::{
     techniques,
 };
 use bevy::{camera::Exposure, core_pipeline::tonemapping::Tonemapping, prelude::*};
+use image::RgbImage;
 use std::{
     path::PathBuf,
     time::{SystemTime, UNIX_EPOCH},
@@ -258,9 +259,10 @@ impl Runner<'_> {
             // Solari lights everything in its own way, so its difference to our frame without reflections contains more than reflections.
             if !self.job.solari {
                 let truth = self.read_true_light(view)?;
-                light.push(self.measure_light(view, variant, &truth, &shown, &writer));
+                let save = |kind, image| writer.save(self.file(view, variant, kind), image);
+                light.push(measure_light(&truth, &shown, save));
                 if protocol.decompose {
-                    splits.push(self.split(view, variant, &truth, &shown, &writer));
+                    splits.push(split(&truth, &shown, save));
                 }
             }
         }
@@ -348,51 +350,6 @@ impl Runner<'_> {
         TrueLight::read(&file, width, height).ok_or_else(|| format!("{} can't be read", file.display()))
     }
 
-    /// Sums and maps of the reflected light of a technique in a view.
-    fn measure_light(
-        &self,
-        view: u32,
-        variant: &Variant,
-        truth: &TrueLight,
-        shown: &LightFrames,
-        writer: &ImageWriter,
-    ) -> ShownSums {
-        for (frames, kind) in [
-            (&shown.motion, ImageKind::LightInMotion),
-            (&shown.still, ImageKind::StaticLight),
-        ] {
-            if !frames.is_empty() {
-                writer.save(self.file(view, variant, kind), truth.map(frames));
-            }
-        }
-        let sums = |frames: &[Vec<f32>]| frames.iter().map(|frame| truth.shown(frame)).collect();
-        ShownSums {
-            motion: sums(&shown.motion),
-            still: sums(&shown.still),
-        }
-    }
-
-    /// Noise and bias of the reflected light of a technique in a view, with maps of both in motion.
-    fn split(
-        &self,
-        view: u32,
-        variant: &Variant,
-        truth: &TrueLight,
-        shown: &LightFrames,
-        writer: &ImageWriter,
-    ) -> ViewSplit {
-        let motion = decompose(truth, &shown.motion);
-        let motion = motion.map(|found| {
-            writer.save(self.file(view, variant, ImageKind::Noise), found.noise);
-            writer.save(self.file(view, variant, ImageKind::Bias), found.bias);
-            found.split
-        });
-        ViewSplit {
-            motion,
-            still: decompose(truth, &shown.still).map(|found| found.split),
-        }
-    }
-
     /// The number of the frame's broken pixels that are intact without reflections.
     fn new_broken_pixels(&mut self, view: u32) -> Result<u64, String> {
         let broken = self.broken_pixels()?;
@@ -418,5 +375,35 @@ impl Runner<'_> {
         let usual = (self.app.target(), self.tonemapping);
         self.camera().insert(usual);
         Ok(not_finite(&bytes?))
+    }
+}
+
+/// Sums and maps of the reflected light of a technique in a view.
+fn measure_light(truth: &TrueLight, shown: &LightFrames, save: impl Fn(ImageKind, RgbImage)) -> ShownSums {
+    for (frames, kind) in [
+        (&shown.motion, ImageKind::LightInMotion),
+        (&shown.still, ImageKind::StaticLight),
+    ] {
+        if !frames.is_empty() {
+            save(kind, truth.map(frames));
+        }
+    }
+    let sums = |frames: &[Vec<f32>]| frames.iter().map(|frame| truth.shown(frame)).collect();
+    ShownSums {
+        motion: sums(&shown.motion),
+        still: sums(&shown.still),
+    }
+}
+
+/// Noise and bias of the reflected light of a technique in a view, with maps of both in motion.
+fn split(truth: &TrueLight, shown: &LightFrames, save: impl Fn(ImageKind, RgbImage)) -> ViewSplit {
+    let motion = decompose(truth, &shown.motion).map(|found| {
+        save(ImageKind::Noise, found.noise);
+        save(ImageKind::Bias, found.bias);
+        found.split
+    });
+    ViewSplit {
+        motion,
+        still: decompose(truth, &shown.still).map(|found| found.split),
     }
 }

@@ -1,6 +1,9 @@
 //! Tests that a frame after some motion and its ground truth show the same instant.
 
-use super::runner::{Runner, TIME_STEP};
+use super::{
+    runner::{Runner, TIME_STEP},
+    tests::unless_skipped,
+};
 use crate::{
     compare::reflected_light::TrueLight,
     job::{Job, SceneSource, TracerName, Variant},
@@ -23,18 +26,6 @@ fn darker(a: &[f32], b: &[f32]) -> f32 {
     darker.count() as f32 / a.len() as f32
 }
 
-fn start(job: &Job) -> Option<Runner<'_>> {
-    match Runner::start(job) {
-        Err(reason) if reason.contains("no graphics device") => {
-            let required = std::env::var_os("GLINT_REQUIRE_GPU").is_some();
-            assert!(!required, "a GPU is required, but: {reason}");
-            println!("skipped: {reason}");
-            None
-        }
-        runner => Some(runner.unwrap()),
-    }
-}
-
 #[test]
 fn frame_and_truth_show_the_same_instant() {
     let out = tempfile::tempdir().unwrap();
@@ -50,7 +41,9 @@ fn frame_and_truth_show_the_same_instant() {
         protocol,
         ..job
     };
-    let Some(mut runner) = start(&job) else { return };
+    let Some(mut runner) = unless_skipped(Runner::start(&job)) else {
+        return;
+    };
     runner.ground_truths().unwrap();
     let (width, height) = (job.protocol.width, job.protocol.height);
     let truth = TrueLight::read(&job.true_light(0), width, height).unwrap();

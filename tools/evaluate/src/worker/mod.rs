@@ -42,6 +42,19 @@ mod tests {
     };
     use std::collections::BTreeMap;
 
+    /// `None` on a machine without a GPU, unless it is required.
+    pub fn unless_skipped<T>(outcome: Result<T, String>) -> Option<T> {
+        match outcome {
+            Err(reason) if reason.contains("no graphics device") => {
+                let required = std::env::var_os("GLINT_REQUIRE_GPU").is_some();
+                assert!(!required, "a GPU is required, but: {reason}");
+                println!("skipped: {reason}");
+                None
+            }
+            outcome => Some(outcome.unwrap()),
+        }
+    }
+
     #[test]
     fn light_is_measured_from_frames() {
         let out = tempfile::tempdir().unwrap();
@@ -59,16 +72,8 @@ mod tests {
             protocol,
             ..job
         };
-        match work(&job) {
-            Err(reason) if reason.contains("no graphics device") => {
-                assert!(
-                    std::env::var_os("GLINT_REQUIRE_GPU").is_none(),
-                    "a GPU is required, but: {reason}"
-                );
-                println!("skipped: {reason}");
-                return;
-            }
-            outcome => outcome.unwrap(),
+        if unless_skipped(work(&job)).is_none() {
+            return;
         }
         let store = Store::new(&job);
         assert!(store.is_complete(&job));

@@ -11,21 +11,18 @@ use crate::{
     techniques,
 };
 use bevy::{
-    asset::RenderAssetUsages,
     camera::RenderTarget,
     core_pipeline::tonemapping::Tonemapping,
     diagnostic::FrameCount,
     prelude::*,
-    render::{
-        diagnostic::RenderDiagnosticsPlugin,
-        render_resource::{Extent3d, TextureDimension, TextureFormat, TextureViewDescriptor, TextureViewDimension},
-    },
+    render::{diagnostic::RenderDiagnosticsPlugin, render_resource::TextureFormat},
 };
 use bevy_glint::{
     RayTracedReflectionsPlugin, ReflectionBackend, ReflectionStatus, ReflectionStatusReport, ReflectionTracer,
 };
 use glint_scenes::{
-    HeadlessApp, HeadlessError, HeadlessSettings, MissingImages, MissingImagesPlugin, Output, SceneStatistics, set_time,
+    HeadlessApp, HeadlessError, HeadlessSettings, MissingImages, MissingImagesPlugin, Output, SceneStatistics,
+    even_cube, set_time,
 };
 use half::f16;
 use image::RgbImage;
@@ -100,7 +97,10 @@ impl<'a> Runner<'a> {
         techniques::prepare_camera(&mut app.world().entity_mut(camera));
         let float_target = app.add_target(size, Output::Linear);
         let mut images = app.world().resource_mut::<Assets<Image>>();
-        let (black, white) = (images.add(even_cube(0.0)), images.add(even_cube(1.0)));
+        let [black, white] = [0.0, 1.0].map(|radiance| {
+            let texel = [radiance, radiance, radiance, 1.0].map(|value| f16::from_f32(value).to_le_bytes());
+            images.add(even_cube(1, &texel.concat(), TextureFormat::Rgba16Float))
+        });
         app.warm_up(FRAME_LIMIT).map_err(text)?;
         for warning in app.world().resource::<MissingImages>().warnings() {
             Message::Warning(warning).send();
@@ -311,21 +311,4 @@ impl<'a> Runner<'a> {
     pub fn end(&self) {
         _ = std::fs::remove_file(self.store.current());
     }
-}
-
-/// A cube map of the same radiance everywhere.
-fn even_cube(radiance: f32) -> Image {
-    let size = Extent3d {
-        width: 1,
-        height: 1,
-        depth_or_array_layers: 6,
-    };
-    let texel = [radiance, radiance, radiance, 1.0].map(|value| f16::from_f32(value).to_le_bytes());
-    let (format, usage) = (TextureFormat::Rgba16Float, RenderAssetUsages::default());
-    let mut image = Image::new_fill(size, TextureDimension::D2, &texel.concat(), format, usage);
-    image.texture_view_descriptor = Some(TextureViewDescriptor {
-        dimension: Some(TextureViewDimension::Cube),
-        ..default()
-    });
-    image
 }
