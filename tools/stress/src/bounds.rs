@@ -45,15 +45,12 @@ const TARGETS: [Target; 4] = [
 /// A scene to render in both ways.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Case {
-    /// A static scene, by a technique.
     Static(StaticScene, &'static str),
-    /// A hostile scene without events.
     Hostile(Scenario),
 }
 
 impl Case {
     /// All cases of a run.
-    #[must_use]
     pub fn all(seed: u64, size: UVec2) -> Vec<Self> {
         let scenes = [
             StaticScene::BuiltIn(SceneName::Demo),
@@ -68,8 +65,6 @@ impl Case {
         known.chain(hostile).collect()
     }
 
-    /// Describes the case.
-    #[must_use]
     pub fn describe(&self) -> String {
         match self {
             Self::Static(scene, technique) => format!("{} by {technique}", scene.name()),
@@ -105,78 +100,68 @@ struct Snapshot {
 pub struct Bounds {
     size: UVec2,
     tracer: ReflectionTracerChoice,
-    harnesses: Vec<Harness>,
-    tally: Tally,
+    harnesses: Option<[Harness; 2]>,
 }
 
 impl Bounds {
-    /// Opens both.
-    ///
-    /// # Errors
-    ///
-    /// If there is no device, or none with this tracer.
+    /// Opens both. Fails if there is no device, or none with this tracer.
     pub fn new(tracer: ReflectionTracerChoice, size: UVec2) -> Result<Self, String> {
         let mut bounds = Self {
             size,
             tracer,
-            harnesses: Vec::new(),
-            tally: Tally::default(),
+            harnesses: None,
         };
         bounds.open()?;
         Ok(bounds)
     }
 
-    fn open(&mut self) -> Result<(), String> {
-        while self.harnesses.len() < 2 {
-            self.harnesses.push(Harness::new(&HarnessSettings {
+    fn open(&mut self) -> Result<&mut [Harness; 2], String> {
+        let open = |checked: bool| {
+            Harness::new(&HarnessSettings {
                 tracer: self.tracer,
-                checked: self.harnesses.len() == 1,
+                checked,
                 ..HarnessSettings::default()
-            })?);
+            })
+        };
+        match &mut self.harnesses {
+            Some(harnesses) => Ok(harnesses),
+            none => Ok(none.insert([open(false)?, open(true)?])),
         }
-        Ok(())
     }
 
     /// Name and driver of the device.
-    #[must_use]
     pub fn adapter(&self) -> String {
-        let status = self.harnesses.first().and_then(Harness::status);
+        let status = self.harnesses.as_ref().and_then(|[plain, _]| plain.status());
         status.map(|status| status.adapter).unwrap_or_default()
     }
 
-    /// Amounts of work since the last call.
-    #[must_use]
-    pub fn take_tally(&mut self) -> Tally {
-        core::mem::take(&mut self.tally)
-    }
-
-    /// Renders a case in both ways.
-    pub fn compare(&mut self, case: &Case) -> Verdict {
-        if let Err(error) = self.open() {
-            return Verdict::Undecided(format!("the device can't be opened again: {error}"));
-        }
-        log_capture::clear();
-        let compared = catch_panic(|| self.compare_in(case));
-        self.tally.scenes += 1;
-        for harness in &mut self.harnesses {
-            self.tally += harness.take_tally();
-        }
-        compared.unwrap_or_else(|panic| {
-            drop_quietly(core::mem::take(&mut self.harnesses));
-            if log_capture::is_own(&panic) {
-                Verdict::Failed(vec![panic])
-            } else {
-                Verdict::Undecided(format!("Bevy panics: {panic}"))
-            }
-        })
-    }
-
-    fn compare_in(&mut self, case: &Case) -> Verdict {
+    /// Renders a case in both ways. Returns the work for it, too.
+    pub fn compare(&mut self, case: &Case) -> (Verdict, Tally) {
         let size = self.size;
-        let [plain, checked] = &mut self.harnesses[..] else {
-            return Verdict::Undecided("there are no devices".to_owned());
+        let [plain, checked] = match self.open() {
+            Ok(harnesses) => harnesses,
+            Err(error) => {
+                let reason = format!("the device can't be opened again: {error}");
+                return (Verdict::Undecided(reason), Tally::default());
+            }
         };
-        compare_snapshots(plain, checked, case, size).unwrap_or_else(Verdict::Undecided)
+        log_capture::clear();
+        let compared = catch_panic(|| compare_snapshots(plain, checked, case, size));
+        let mut tally = plain.take_tally();
+        tally += checked.take_tally();
+        tally.scenes += 1;
+        let verdict = match compared {
+            Ok(compared) => compared.unwrap_or_else(Verdict::Undecided),
+            Err(panic) => {
+                drop_quietly(self.harnesses.take());
+                if log_capture::is_own(&panic) {
+                    Verdict::Failed(vec![panic])
+                } else {
+                    Verdict::Undecided(format!("Bevy panics: {panic}"))
+                }
+            }
+        };
+        (verdict, tally)
     }
 }
 

@@ -16,25 +16,15 @@ use bevy_glint::ReflectionViewMemory;
 const MARGIN: f64 = 4.0;
 /// Limit of a single frame as a multiple of the limit of the average. A higher value misses hitches.
 const PEAK: f64 = 2.0;
-/// Events that remove reflecting cameras.
-const RESTARTS: [EventKind; 3] = [
-    EventKind::ToggleReflections,
-    EventKind::ToggleCamera,
-    EventKind::DespawnAll,
-];
-
 /// Contents that decide on the cost of a scene.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct Content {
-    /// Cameras that reflect.
     cameras: usize,
     /// Pixels of their images.
     pixels: u64,
-    /// Objects.
     instances: usize,
     /// Triangles of their meshes, and of the trees that are merged from them.
     triangles: u64,
-    /// Lights.
     lights: usize,
     /// Objects can change in each frame.
     changes: bool,
@@ -123,7 +113,7 @@ impl Meter {
         Self {
             content: Content {
                 changes: !events.iter().all(|event| event.is_static()),
-                restarts: events.iter().any(|event| RESTARTS.contains(event)),
+                restarts: events.iter().any(|event| event.restarts()),
                 ..Content::default()
             },
             cost: Cost::default(),

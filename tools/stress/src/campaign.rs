@@ -4,7 +4,7 @@
 use crate::{
     generators::Generator,
     options::{Options, Tracer},
-    protocol::Failure,
+    protocol::Case,
     scenario::Scenario,
     word::word,
 };
@@ -24,7 +24,7 @@ struct State {
     /// Seeds that were tried, by tracer.
     tried: BTreeMap<String, Range<u64>>,
     /// Recipes that failed, the simplest of each kind, by problem.
-    failures: BTreeMap<String, Failure>,
+    failures: BTreeMap<String, Case>,
 }
 
 /// A campaign of `count` scenes.
@@ -36,11 +36,7 @@ pub struct Campaign {
 }
 
 impl Campaign {
-    /// Continues the campaign of a folder, or begins one there.
-    ///
-    /// # Errors
-    ///
-    /// If the folder can't be created, or its content can't be read.
+    /// Continues the campaign of a folder, or begins one there. Fails if the folder can't be created, or its content can't be read.
     pub fn open(folder: &Path, count: u64) -> io::Result<Self> {
         fs::create_dir_all(folder)?;
         let state = match fs::read_to_string(folder.join(STATE)) {
@@ -56,20 +52,17 @@ impl Campaign {
     }
 
     /// The first seed that no scene of this tracer had yet.
-    #[must_use]
     pub fn next_seed(&self, tracer: Tracer, first: u64) -> u64 {
         self.state.tried.get(&word(&tracer)).map_or(first, |tried| tried.end)
     }
 
     /// Scenes that remain to be tried.
-    #[must_use]
     pub fn left(&self) -> u64 {
         let tried: u64 = self.state.tried.values().map(|seeds| seeds.end - seeds.start).sum();
         self.count.saturating_sub(tried)
     }
 
     /// Recipes that failed, and should be repeated.
-    #[must_use]
     pub fn recipes(&self) -> Vec<Options> {
         self.state
             .failures
@@ -78,17 +71,12 @@ impl Campaign {
             .collect()
     }
 
-    /// Forgets a recipe that fails no more.
     pub fn forget(&mut self, recipe: &Options) {
         self.state.failures.retain(|_, failure| failure.repeat != *recipe);
     }
 
-    /// Records that the scenes of these seeds were tried, and their failures; writes it down.
-    ///
-    /// # Errors
-    ///
-    /// If the folder can't be written.
-    pub fn note(&mut self, tracer: Tracer, seeds: Range<u64>, failures: &[Failure]) -> io::Result<()> {
+    /// Records that the scenes of these seeds were tried, and their failures; writes it down. Fails if the folder can't be written.
+    pub fn note(&mut self, tracer: Tracer, seeds: Range<u64>, failures: &[Case]) -> io::Result<()> {
         let tried = self
             .state
             .tried
@@ -114,12 +102,12 @@ impl Campaign {
 }
 
 /// Failures with the same text, apart from numbers, are of one kind.
-fn kind_of(failure: &Failure) -> String {
+fn kind_of(failure: &Case) -> String {
     let first = failure.problems.first().map_or("", String::as_str);
     first.chars().filter(|c| !c.is_ascii_digit()).take(160).collect()
 }
 
-fn ingredients(failure: &Failure) -> usize {
+fn ingredients(failure: &Case) -> usize {
     failure.repeat.keep.as_ref().map_or(usize::MAX, |keep| keep.0.len())
 }
 
@@ -153,47 +141,29 @@ impl Coverage {
     fn of(scenarios: impl Iterator<Item = Scenario>) -> Self {
         let all = Generator::all();
         let mut kinds: Vec<&'static str> = all.iter().map(|generator| generator.kind()).collect();
-        let kind_of: Vec<usize> = kinds
-            .iter()
-            .map(|kind| kinds.iter().position(|other| other == kind).unwrap_or_default())
-            .collect();
+        kinds.dedup();
         let mut met = BTreeSet::new();
         for scenario in scenarios {
-            let mut present: Vec<usize> = scenario
-                .generators
-                .iter()
-                .filter_map(|(_, generator)| all.iter().position(|other| other == generator))
-                .collect();
-            present.sort_unstable();
-            present.dedup();
-            met.extend(pairs_of(&present));
+            let generators = scenario.generators.iter();
+            let present = generators.filter_map(|(_, generator)| all.iter().position(|other| other == generator));
+            met.extend(pairs_of(&present.collect()));
         }
+        let kind_of = |index: usize| kinds.iter().position(|kind| *kind == all[index].kind());
         let mut pairs = BTreeMap::<_, [usize; 2]>::new();
-        for (a, b) in pairs_of(&(0..all.len()).collect::<Vec<_>>()) {
-            let counts = pairs.entry((kind_of[a], kind_of[b])).or_default();
-            counts[0] += usize::from(met.contains(&(a, b)));
-            counts[1] += 1;
+        for (a, b) in pairs_of(&(0..all.len()).collect()) {
+            if let Some(kinds) = kind_of(a).zip(kind_of(b)) {
+                let counts = pairs.entry(kinds).or_default();
+                counts[0] += usize::from(met.contains(&(a, b)));
+                counts[1] += 1;
+            }
         }
-        // Numbered by their first generator, so that the order is that of the list.
-        let mut first: Vec<usize> = kind_of.clone();
-        first.dedup();
-        let pairs = pairs
-            .into_iter()
-            .map(|((a, b), counts)| {
-                let place = |kind| first.iter().position(|other| *other == kind).unwrap_or_default();
-                ((place(a), place(b)), counts)
-            })
-            .collect();
-        kinds.dedup();
         Self { kinds, pairs }
     }
 }
 
-fn pairs_of(sorted: &[usize]) -> impl Iterator<Item = (usize, usize)> + '_ {
-    sorted
-        .iter()
-        .enumerate()
-        .flat_map(|(index, a)| sorted[index + 1..].iter().map(|b| (*a, *b)))
+/// Pairs of indices, the lower one first.
+fn pairs_of(indices: &BTreeSet<usize>) -> impl Iterator<Item = (usize, usize)> + '_ {
+    indices.iter().flat_map(|a| indices.range(a + 1..).map(|b| (*a, *b)))
 }
 
 impl fmt::Display for Coverage {
@@ -228,8 +198,8 @@ mod tests {
     use super::*;
     use crate::options::tests::parse;
 
-    fn failure(problem: &str, options: &str) -> Failure {
-        Failure {
+    fn failure(problem: &str, options: &str) -> Case {
+        Case {
             what: "a scene".into(),
             problems: vec![problem.into()],
             repeat: parse(options).unwrap(),

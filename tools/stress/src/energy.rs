@@ -31,7 +31,6 @@ pub const SINGLE_FRAMES: u32 = 12;
 /// Numbers of frames.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Lengths {
-    /// Frames of the ground truth.
     pub ground_truth: u32,
     /// Frames until a technique has converged.
     pub settle: u32,
@@ -44,11 +43,9 @@ pub struct Lengths {
 /// Results of measurements.
 #[derive(Clone, Debug, Default)]
 pub struct Measurements {
-    /// A line for each measurement.
     pub lines: Vec<String>,
     /// Lines of those beyond their limit.
     pub problems: Vec<String>,
-    /// Lines of undecided results.
     pub undecided: Vec<String>,
     /// Number of techniques that were measured.
     pub count: usize,
@@ -56,10 +53,6 @@ pub struct Measurements {
 
 impl Measurements {
     /// Measures one technique after the other until the deadline.
-    ///
-    /// # Errors
-    ///
-    /// As `measure`.
     pub fn of(
         techniques: &[&'static str],
         deadline: Instant,
@@ -93,11 +86,7 @@ impl Measurements {
     }
 }
 
-/// Compares techniques with the ground truth in a scene.
-///
-/// # Errors
-///
-/// If the scene can't be rendered.
+/// Compares techniques with the ground truth in a scene. Fails if the scene can't be rendered.
 pub fn compare(
     harness: &mut Harness,
     scene: StaticScene,
@@ -120,7 +109,6 @@ pub fn compare(
     })
 }
 
-/// The ground truth of a view.
 struct GroundTruth {
     light: f64,
     /// Standard error of the light.

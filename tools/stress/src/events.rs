@@ -18,12 +18,11 @@ use bevy_glint::{
 };
 use core::time::Duration;
 
-/// Applies an event before a frame.
 pub fn before_frame(kind: EventKind, harness: &mut Harness, scene: &mut HostileScene, frame: u32, frames: u32) {
     let halfway = frame == frames / 2;
     match kind {
         EventKind::DespawnAll if halfway => scene.remove(harness),
-        EventKind::DespawnObjects if halfway => despawn_objects(harness, scene),
+        EventKind::DespawnObjects if halfway => harness.despawn(scene.objects.drain(..)),
         EventKind::DespawnAll | EventKind::DespawnObjects => {}
         EventKind::Respawn => respawn(harness, scene),
         EventKind::PauseTime | EventKind::JumpTime | EventKind::FrameOverflow => change_clocks(kind, harness, frame),
@@ -87,16 +86,8 @@ fn change_clocks(kind: EventKind, harness: &mut Harness, frame: u32) {
     }
 }
 
-fn despawn_objects(harness: &mut Harness, scene: &mut HostileScene) {
-    for entity in scene.objects.drain(..) {
-        if let Ok(entity) = harness.world().get_entity_mut(entity) {
-            entity.despawn();
-        }
-    }
-}
-
 fn respawn(harness: &mut Harness, scene: &mut HostileScene) {
-    despawn_objects(harness, scene);
+    harness.despawn(scene.objects.drain(..));
     if harness.world().get_entity(scene.root).is_err() {
         return;
     }

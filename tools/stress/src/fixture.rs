@@ -40,11 +40,7 @@ impl Fixture {
         Self { root, probe, camera }
     }
 
-    /// Checks that the image is finite and follows changes of the scene.
-    ///
-    /// # Errors
-    ///
-    /// If it isn't finite, or doesn't follow them.
+    /// Checks that the image is finite and follows changes of the scene. Fails if it isn't finite, or doesn't follow them.
     pub fn check_image(&self, harness: &mut Harness) -> Result<(), String> {
         let seen = harness.image(self.camera)?;
         harness.world().entity_mut(self.probe).insert(Visibility::Hidden);
@@ -54,9 +50,7 @@ impl Fixture {
         harness.step(4);
         let back = harness.image(self.camera)?;
         for image in [&seen, &hidden, &back] {
-            if let Some(index) = image.non_finite().first() {
-                return Err(format!("pixel {index} of the image is not finite"));
-            }
+            image.check_finite()?;
         }
         if seen.mean() < DIFFERENT {
             return Err("the image is black".to_owned());
@@ -67,11 +61,7 @@ impl Fixture {
         Ok(())
     }
 
-    /// Returns whether the mirror shows something that it doesn't show without reflections.
-    ///
-    /// # Errors
-    ///
-    /// If the image can't be read.
+    /// Returns whether the mirror shows something that it doesn't show without reflections. Fails if the image can't be read.
     pub fn reflects(&self, harness: &mut Harness) -> Result<bool, String> {
         let with = harness.image(self.camera)?;
         let traced = harness.copy(self.camera, Target::RayRadiance).is_some();
@@ -86,7 +76,6 @@ impl Fixture {
         Ok(traced && with.difference(&without) >= DIFFERENT)
     }
 
-    /// Adds this many boxes.
     pub fn add_crowd(&self, harness: &mut Harness, count: u32) {
         let position = |index: u32| Transform::from_xyz(0.1 * (index % 10) as f32, 1.5, 0.1 * (index / 10) as f32);
         let positions = (0..count).map(position);
@@ -100,7 +89,6 @@ impl Fixture {
         harness.spawn_objects(self.root, ball, default(), [position]);
     }
 
-    /// Despawns the scene.
     pub fn remove(self, harness: &mut Harness) {
         let world = harness.world();
         world.despawn(self.camera);

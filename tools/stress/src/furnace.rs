@@ -57,11 +57,7 @@ fn balls(size: UVec2) -> Vec<Ball> {
     balls
 }
 
-/// Measures techniques, and the ground truth after them.
-///
-/// # Errors
-///
-/// If the scene can't be rendered.
+/// Measures techniques, and the ground truth after them. Fails if the scene can't be rendered.
 pub fn measure(
     harness: &mut Harness,
     size: UVec2,

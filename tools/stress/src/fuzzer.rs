@@ -39,7 +39,6 @@ pub struct Fuzzer {
 
 impl Fuzzer {
     /// A fuzzer that opens harnesses with these settings.
-    #[must_use]
     pub fn new(settings: HarnessSettings) -> Self {
         Self {
             settings,
@@ -52,7 +51,6 @@ impl Fuzzer {
     }
 
     /// Amounts of work since the last call.
-    #[must_use]
     pub fn take_tally(&mut self) -> Tally {
         core::mem::take(&mut self.tally)
     }
@@ -155,7 +153,6 @@ impl Fuzzer {
         Ok(problems)
     }
 
-    /// Closes the device.
     pub fn close(&mut self) {
         drop_quietly(self.harness.take());
         self.scenes_on_harness = 0;

@@ -154,7 +154,6 @@ impl Parts {
     }
 
     /// The file: a header, then both parts, padded to multiples of four bytes.
-    #[must_use]
     pub fn file(&self) -> Vec<u8> {
         let mut json = self.json.clone().into_bytes();
         json.resize(json.len().next_multiple_of(4), b' ');

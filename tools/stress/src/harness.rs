@@ -12,9 +12,8 @@ use bevy::{
     render::{
         diagnostic::RenderDiagnosticsPlugin,
         error_handler::{ErrorType, RenderError, RenderErrorHandler, RenderErrorPolicy},
-        render_resource::Buffer,
         renderer::{RenderAdapterInfo, RenderDevice},
-        settings::{WgpuFeatures, WgpuLimits, WgpuSettings},
+        settings::WgpuSettings,
     },
     shader::ValidateShader,
     time::TimeUpdateStrategy,
@@ -26,7 +25,7 @@ use bevy_glint::{
 };
 use glint_scenes::{
     HeadlessApp, HeadlessSettings, Output, SceneName, SceneOptions, SystemClock, camera, decode_halves, environment,
-    read_buffer, spawn_with,
+    spawn_with,
 };
 use std::time::Duration;
 
@@ -97,11 +96,7 @@ pub struct Harness {
 }
 
 impl Harness {
-    /// Opens an app that traces as requested.
-    ///
-    /// # Errors
-    ///
-    /// If there is no such device.
+    /// Opens an app that traces as requested. Fails if there is no such device.
     pub fn new(settings: &HarnessSettings) -> Result<Self, String> {
         let harness = Self::open(settings)?;
         match harness.status() {
@@ -115,11 +110,7 @@ impl Harness {
         }
     }
 
-    /// Opens an app with any tracer that the device supports.
-    ///
-    /// # Errors
-    ///
-    /// If there is no device.
+    /// Opens an app with any tracer that the device supports. Fails if there is no device.
     pub fn open(settings: &HarnessSettings) -> Result<Self, String> {
         log_capture::install();
         let headless = HeadlessSettings {
@@ -147,70 +138,51 @@ impl Harness {
         })
     }
 
-    /// The world of the app.
+    /// The app. Frames that it renders itself aren't counted.
+    pub fn app(&mut self) -> &mut HeadlessApp {
+        &mut self.app
+    }
+
     pub fn world(&mut self) -> &mut World {
         self.app.world()
     }
 
-    /// A resource of the app.
     fn resource<R: Resource>(&self) -> Option<&R> {
         self.app.app_ref().world().get_resource()
     }
 
     /// A resource of the render world.
-    #[must_use]
     pub fn render_resource<R: Resource>(&self) -> Option<&R> {
         self.app.render_world().ok()?.get_resource()
     }
 
-    /// The bytes of a buffer with the usage `COPY_SRC`.
-    #[must_use]
-    pub fn read_buffer(&self, buffer: &Buffer) -> Option<Vec<u8>> {
-        read_buffer(self.app.render_world().ok()?, buffer).ok()
-    }
-
-    /// Features of the open device.
-    #[must_use]
-    pub fn features(&self) -> WgpuFeatures {
-        let device = self.render_resource::<RenderDevice>();
-        device.map_or(WgpuFeatures::empty(), RenderDevice::features)
-    }
-
-    /// Limits of the open device.
-    #[must_use]
-    pub fn limits(&self) -> WgpuLimits {
-        let device = self.render_resource::<RenderDevice>();
-        device.map(RenderDevice::limits).unwrap_or_default()
+    pub fn device(&self) -> Option<&RenderDevice> {
+        self.render_resource()
     }
 
     /// The device is the CPU.
-    #[must_use]
     pub fn is_cpu(&self) -> bool {
         let info = self.render_resource::<RenderAdapterInfo>();
         info.is_some_and(|info| info.device_type == wgpu::DeviceType::Cpu)
     }
 
     /// The status of the library; `None` without it.
-    #[must_use]
     pub fn status(&self) -> Option<ReflectionStatusReport> {
         Some(self.resource::<ReflectionStatus>()?.report())
     }
 
     /// Rays can be traced in fragment shaders. Mesa's CPU driver crashes over ray queries there.
-    #[must_use]
     pub fn has_inline_rays(&self) -> bool {
         let tracer = self.status().and_then(|status| status.tracer);
         !(self.is_cpu() && tracer == Some(ReflectionTracer::RayQuery))
     }
 
     /// The contents of a target of a camera after the last frame.
-    #[must_use]
     pub fn copy(&self, camera: Entity, target: Target) -> Option<Copied> {
         readback::copy(self.app.app_ref(), camera, target)
     }
 
     /// CPU milliseconds that the plugin's systems took in the render app since the last call; 0 without diagnostics.
-    #[must_use]
     pub fn take_time(&self) -> f64 {
         self.clock.take().iter().map(|(_, milliseconds)| milliseconds).sum()
     }
@@ -221,12 +193,10 @@ impl Harness {
     }
 
     /// Frames that were rendered, and pixels of active cameras in them, since the last call.
-    #[must_use]
     pub fn take_tally(&mut self) -> Tally {
         core::mem::take(&mut self.tally)
     }
 
-    /// Renders frames.
     pub fn step(&mut self, frames: u32) {
         for _ in 0..frames {
             self.app.step(1);
@@ -253,21 +223,18 @@ impl Harness {
     }
 
     /// Number of times that the device was lost.
-    #[must_use]
     pub fn losses(&self) -> u32 {
         self.resource::<CaughtErrors>().map_or(0, |caught| caught.losses)
     }
 
-    /// Loses the device.
     pub fn lose_device(&mut self) {
-        if let Some(device) = self.render_resource::<RenderDevice>() {
+        if let Some(device) = self.device() {
             device.wgpu_device().destroy();
         }
         _ = self.app.wait_until_idle();
     }
 
     /// Last values of the counters of non-finite values, on any camera.
-    #[must_use]
     pub fn non_finite(&self) -> Option<ReflectionNonFiniteReport> {
         ReflectionNonFiniteReport::read(self.resource::<DiagnosticsStore>()?)
     }
@@ -336,6 +303,13 @@ impl Harness {
         (root, camera)
     }
 
+    /// Despawns entities, if they still exist.
+    pub fn despawn(&mut self, entities: impl IntoIterator<Item = Entity>) {
+        for entity in entities {
+            _ = self.world().try_despawn(entity);
+        }
+    }
+
     /// Spawns objects that share a mesh and a material below a root.
     pub fn spawn_objects(
         &mut self,
@@ -359,7 +333,6 @@ impl Harness {
         self.app.app_ref().world().get(camera)
     }
 
-    /// Resizes a camera's target.
     pub fn resize(&mut self, camera: Entity, size: UVec2) {
         let Some(target) = self.target(camera).and_then(RenderTarget::as_image).cloned() else {
             return;
@@ -369,11 +342,7 @@ impl Harness {
         }
     }
 
-    /// The image that a camera rendered in the last frame.
-    ///
-    /// # Errors
-    ///
-    /// If it can't be read.
+    /// The image that a camera rendered in the last frame. Fails if it can't be read.
     pub fn image(&self, camera: Entity) -> Result<LinearImage, String> {
         let target = self.target(camera).ok_or("the camera has no target of its own")?;
         let images = self.resource::<Assets<Image>>().ok_or("there are no images")?;

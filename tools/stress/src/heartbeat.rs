@@ -21,7 +21,6 @@ pub fn beat() {
     BEATS.fetch_add(1, Ordering::Relaxed);
 }
 
-/// Names the current activity.
 pub fn set_activity(text: impl Into<String>) {
     *ACTIVITY.lock().unwrap_or_else(PoisonError::into_inner) = text.into();
 }

@@ -5,7 +5,6 @@ use bevy::math::UVec2;
 /// Linear radiance, exposed; rows from the top.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LinearImage {
-    /// Width and height in pixels.
     pub size: UVec2,
     /// Red, green, blue, alpha.
     pub texels: Vec<[f32; 4]>,
@@ -13,7 +12,6 @@ pub struct LinearImage {
 
 impl LinearImage {
     /// Indices of texels with a channel that is NaN or infinite.
-    #[must_use]
     pub fn non_finite(&self) -> Vec<usize> {
         let is_wrong = |texel: &[f32; 4]| texel.iter().any(|channel| !channel.is_finite());
         (0..self.texels.len())
@@ -21,15 +19,19 @@ impl LinearImage {
             .collect()
     }
 
+    /// Fails with a pixel that is NaN or infinite.
+    pub fn check_finite(&self) -> Result<(), String> {
+        let wrong = self.non_finite().first().copied();
+        wrong.map_or(Ok(()), |index| Err(format!("pixel {index} is not finite")))
+    }
+
     /// Mean luminance of all pixels.
-    #[must_use]
     pub fn mean(&self) -> f64 {
         let sum: f64 = self.texels.iter().map(|texel| f64::from(luminance(texel))).sum();
         sum / self.texels.len().max(1) as f64
     }
 
     /// Mean difference between the channels of two images; infinite if their sizes differ.
-    #[must_use]
     pub fn difference(&self, other: &Self) -> f64 {
         if self.size != other.size {
             return f64::INFINITY;
@@ -41,7 +43,6 @@ impl LinearImage {
 }
 
 /// Rec. 709 luminance of a linear colour.
-#[must_use]
 pub fn luminance(texel: &[f32; 4]) -> f32 {
     0.2126 * texel[0] + 0.7152 * texel[1] + 0.0722 * texel[2]
 }

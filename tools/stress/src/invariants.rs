@@ -13,11 +13,9 @@ use bevy_glint::{
 use core::ops::RangeInclusive;
 use half::f16;
 
-/// Range of radiance.
 const RADIANCE: RangeInclusive<f32> = 0.0..=60_000.0;
 /// Range of the distance to a hit, which is negative for moving objects.
 const DISTANCE: RangeInclusive<f32> = -60_000.0..=60_000.0;
-/// Range of the relative variance.
 const VARIANCE: RangeInclusive<f32> = 0.0..=16.0;
 /// Range of the number of rays that a pixel is reconstructed from, with some rounding.
 const RAYS: RangeInclusive<f32> = 0.0..=16.1;
@@ -41,7 +39,6 @@ const HALVES: usize = 2;
 /// Kinds of problems.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ProblemKind {
-    /// Something panicked.
     Panic,
     /// wgpu, a shader or the library reported an error.
     Device,
@@ -55,25 +52,19 @@ pub enum ProblemKind {
     Paths,
     /// Rays hit something else than brute force finds.
     Hits,
-    /// More time than the scene is allowed.
     Time,
-    /// More memory than the scene is allowed.
     Memory,
-    /// Something was not freed.
     Leak,
 }
 
 /// A violated invariant.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Problem {
-    /// Its kind.
     pub kind: ProblemKind,
-    /// Its description.
     pub text: String,
 }
 
 impl Problem {
-    /// A problem.
     pub fn new(kind: ProblemKind, text: impl Into<String>) -> Self {
         let text = text.into();
         Self { kind, text }
@@ -81,7 +72,6 @@ impl Problem {
 }
 
 /// Checks everything that a camera's passes store.
-#[must_use]
 pub fn targets(harness: &Harness, camera: Entity) -> Vec<Problem> {
     let wrong = RANGES.iter().filter_map(|(target, ranges)| {
         let copied = harness.copy(camera, *target)?;
@@ -257,7 +247,6 @@ fn is_brightness_known(scene: &HostileScene, scenario: &Scenario) -> bool {
 }
 
 /// Checks that a despawned scene is gone completely.
-#[must_use]
 pub fn leftovers(harness: &Harness) -> Vec<Problem> {
     let Some(status) = harness.status() else {
         return Vec::new();

@@ -70,14 +70,12 @@ pub fn collect() {
 }
 
 /// Returns errors of the library and of wgpu since the last call.
-#[must_use]
 pub fn take_errors() -> Vec<String> {
     collect();
     std::mem::take(&mut captured().failures)
 }
 
 /// Returns panics since the last call, with their locations.
-#[must_use]
 pub fn take_panics() -> Vec<String> {
     std::mem::take(&mut captured().panics)
 }
@@ -89,17 +87,12 @@ pub fn clear() {
 }
 
 /// A warning or error with this text was logged since the process began. Many are logged only once in a process.
-#[must_use]
 pub fn was_logged(text: &str) -> bool {
     collect();
     captured().logged.iter().any(|message| message.contains(text))
 }
 
-/// Runs something that can panic.
-///
-/// # Errors
-///
-/// Returns the message of the panic, with panics of other threads since the last call of [`take_panics`].
+/// Runs something that can panic. Returns the message of the panic, with panics of other threads since the last call of [`take_panics`].
 pub fn catch_panic<T>(body: impl FnOnce() -> T) -> Result<T, String> {
     panic::catch_unwind(AssertUnwindSafe(body)).map_err(|payload| {
         let panics = take_panics();
@@ -118,7 +111,6 @@ pub fn drop_quietly<T>(value: T) {
 }
 
 /// A panic happened in the code of this repository. Dependencies are in cargo's folders, the standard library is below `/rustc/`.
-#[must_use]
 pub fn is_own(panic: &str) -> bool {
     let Some((_, rest)) = panic.split_once("panicked at ") else {
         return false;

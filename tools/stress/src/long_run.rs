@@ -50,21 +50,17 @@ pub struct Outcome {
     pub laps: Vec<f64>,
     /// Memory after the first laps and at the end.
     pub memory: Option<(Memory, Memory)>,
-    /// Problems.
     pub problems: Vec<String>,
-    /// Questions that stayed undecided.
     pub undecided: Vec<String>,
 }
 
 impl Outcome {
     /// Change from the earlier to the later laps, without the laps that fill the history; `None` if there are too few.
-    #[must_use]
     pub fn drift(&self) -> Option<Drift> {
         Drift::of(self.laps.get(WARM_LAPS..).unwrap_or_default())
     }
 
     /// Describes drift and memory.
-    #[must_use]
     pub fn describe(&self) -> String {
         let drift = self.drift().map_or_else(
             || "too few laps to tell of a drift".to_owned(),
@@ -126,10 +122,7 @@ impl Outcome {
 }
 
 /// Renders frames until the deadline. Frame numbers overflow halfway, so that an effect shows as a drift.
-///
-/// # Errors
-///
-/// If the scene can't be rendered.
+/// Fails if the scene can't be rendered.
 pub fn run(
     harness: &mut Harness,
     scene: SceneName,
@@ -190,13 +183,7 @@ fn render_laps(
         }
         harness.step(1);
         let image = harness.image(camera)?;
-        let mut wrong: Vec<String> = Vec::new();
-        wrong.extend(
-            image
-                .non_finite()
-                .first()
-                .map(|index| format!("pixel {index} is not finite")),
-        );
+        let mut wrong: Vec<String> = image.check_finite().err().into_iter().collect();
         sum += image.mean();
         outcome.frames = frame + 1;
         if outcome.frames.is_multiple_of(LAP) {
@@ -262,7 +249,6 @@ fn memory(harness: &Harness) -> Memory {
 }
 
 /// Main memory of this process in bytes; known on Linux only.
-#[must_use]
 pub fn resident_bytes() -> Option<u64> {
     let text = fs::read_to_string("/proc/self/status").ok()?;
     let line = text.lines().find_map(|line| line.strip_prefix("VmRSS:"))?;

@@ -5,8 +5,12 @@ use bevy::math::UVec2;
 use bevy_glint::ReflectionTracerChoice;
 use clap::{Args, ValueEnum};
 use core::{fmt, str::FromStr};
+use glint_scenes::ImageSize;
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
+
+/// Longest side of an image: weak devices support no more.
+const MOST_PIXELS: u32 = 8192;
 
 /// Options of a stress run.
 #[derive(Args, Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -25,8 +29,8 @@ pub struct Options {
     #[arg(long, value_name = "NAME")]
     pub only: Option<Selection>,
     /// Size of all images in pixels, such as 48x32.
-    #[arg(long, value_name = "WxH")]
-    pub size: Option<Size>,
+    #[arg(long, value_name = "WxH", value_parser = size)]
+    pub size: Option<(u32, u32)>,
     /// Number of scenes, or of files for the viewer.
     #[arg(long, value_name = "N")]
     pub count: Option<u64>,
@@ -56,7 +60,6 @@ pub struct Options {
 
 impl Options {
     /// The same options for one part of the run.
-    #[must_use]
     pub fn only(&self, selection: Selection) -> Self {
         Self {
             only: Some(selection),
@@ -66,10 +69,8 @@ impl Options {
     }
 
     /// The size of images, or a default if none was requested.
-    #[must_use]
     pub fn size_or(&self, default: UVec2) -> UVec2 {
-        self.size
-            .map_or(default, |Size(width, height)| UVec2::new(width, height))
+        self.size.map_or(default, UVec2::from)
     }
 }
 
@@ -79,7 +80,9 @@ impl fmt::Display for Options {
         write!(f, "--tracer {} --seed {}", word(&self.tracer), self.seed)?;
         let option = |text: Option<String>| text.unwrap_or_default();
         f.write_str(&option(self.only.map(|only| format!(" --only {only}"))))?;
-        f.write_str(&option(self.size.map(|size| format!(" --size {size}"))))?;
+        f.write_str(&option(
+            self.size.map(|(width, height)| format!(" --size {width}x{height}")),
+        ))?;
         f.write_str(&option(self.count.map(|count| format!(" --count {count}"))))?;
         f.write_str(&option(self.frames.map(|frames| format!(" --frames {frames}"))))?;
         f.write_str(&option(self.keep.as_ref().map(|keep| format!(" --keep {keep}"))))?;
@@ -110,34 +113,6 @@ impl From<Tracer> for ReflectionTracerChoice {
     }
 }
 
-/// Width and height in pixels.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Size(pub u32, pub u32);
-
-impl From<UVec2> for Size {
-    fn from(size: UVec2) -> Self {
-        Self(size.x, size.y)
-    }
-}
-
-impl fmt::Display for Size {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}x{}", self.0, self.1)
-    }
-}
-
-impl FromStr for Size {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        let sides = text.split_once(['x', 'X']);
-        sides
-            .and_then(|(width, height)| Some(Self(width.parse().ok()?, height.parse().ok()?)))
-            .filter(|Self(width, height)| [width, height].into_iter().all(|side| (1..=8192).contains(side)))
-            .ok_or_else(|| "choose a size such as 48x32, each side from 1 to 8192".to_owned())
-    }
-}
-
 /// Positions of generators in a scenario.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Keep(pub Vec<usize>);
@@ -164,6 +139,14 @@ impl FromStr for Keep {
             .map(Self)
             .map_err(|_| "choose positions such as 0,3, or `none`".to_owned())
     }
+}
+
+fn size(text: &str) -> Result<(u32, u32), String> {
+    let ImageSize(size) = text.parse()?;
+    let is_small = size.max_element() <= MOST_PIXELS;
+    is_small
+        .then(|| size.into())
+        .ok_or_else(|| format!("choose sides of at most {MOST_PIXELS} pixels"))
 }
 
 fn positive(text: &str) -> Result<f64, String> {

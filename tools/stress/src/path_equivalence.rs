@@ -96,7 +96,6 @@ pub fn restart(harness: &mut Harness, cameras: &[Entity], frames: u32) {
 }
 
 /// Describes the difference of two copies of a target, if it is more than tolerated. `exact` tolerates nothing.
-#[must_use]
 pub fn describe_difference(
     pair: &[Copied; 2],
     rates: &Copied,
@@ -141,7 +140,6 @@ fn other_surfaces(rates: &Copied, records: &[Copied; 2]) -> usize {
 }
 
 /// Number of texels that can differ.
-#[must_use]
 pub fn tolerated(total: usize, exact: bool) -> usize {
     if exact { 0 } else { total / OUTLIERS + 1 }
 }

@@ -19,7 +19,6 @@ pub struct Job {
 
 impl Job {
     /// A job for one part of a run.
-    #[must_use]
     pub fn new(selection: Selection, options: &Options, seconds: u64) -> Self {
         Self {
             selection,
@@ -34,29 +33,18 @@ impl Job {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Message {
     /// A step begins. If the process ends before the next message of this kind, this step is at fault.
-    Started {
-        /// Its description.
-        what: String,
-        /// Options that repeat it.
-        repeat: Options,
-    },
+    Started(Case),
     /// Amounts since the last such message.
     Tried(Tally),
-    /// Something failed.
-    Failed(Failure),
-    /// A remark.
+    Failed(Case),
     Note(String),
     /// An undecided question: neither passed nor failed.
     Undecided(String),
-    /// The progress of the process so far.
     Progress(Progress),
     /// The process is alive; its current activity.
     Alive(String),
-    /// All is done.
-    Finished {
-        /// The first seed that was not tried.
-        next_seed: u64,
-    },
+    /// All is done, up to this seed, which was not tried.
+    Finished(u64),
 }
 
 /// The progress of a section.
@@ -71,27 +59,22 @@ pub struct Progress {
 }
 
 impl Progress {
-    /// Progress in a unit.
-    #[must_use]
     pub fn new(done: u64, total: u64, unit: &str) -> Self {
         let unit = unit.to_owned();
         Self { done, total, unit }
     }
 
     /// The progress of a section that this machine cannot run.
-    #[must_use]
     pub fn skipped() -> Self {
         Self::new(0, 0, "(skipped: this machine can't)")
     }
 
     /// Something is left to do.
-    #[must_use]
     pub fn is_unfinished(&self) -> bool {
         *self != Self::skipped() && (self.done < self.total || self.done == 0)
     }
 
     /// Adds the progress of another process of the same section.
-    #[must_use]
     pub fn add(first: Option<Self>, second: Option<Self>) -> Option<Self> {
         match (first, second) {
             (Some(first), Some(second)) if first.unit == second.unit => Some(Self {
@@ -115,9 +98,9 @@ impl fmt::Display for Progress {
     }
 }
 
-/// A failure and how to repeat it.
+/// A case, how to repeat it, and what is wrong with it, as far as is known.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Failure {
+pub struct Case {
     /// Description of the case.
     pub what: String,
     /// Problems, a sentence each.
@@ -126,7 +109,18 @@ pub struct Failure {
     pub repeat: Options,
 }
 
-impl fmt::Display for Failure {
+impl Case {
+    /// A case without known problems.
+    pub fn new(what: &str, repeat: &Options) -> Self {
+        Self {
+            what: what.to_owned(),
+            problems: Vec::new(),
+            repeat: repeat.clone(),
+        }
+    }
+}
+
+impl fmt::Display for Case {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(f, "FAILED: {}", self.what)?;
         for problem in &self.problems {

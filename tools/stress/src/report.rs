@@ -3,7 +3,7 @@
 use crate::{
     heartbeat,
     options::Options,
-    protocol::{Failure, Message, Progress},
+    protocol::{Case, Message, Progress},
     tally::Tally,
     verdict::Verdict,
 };
@@ -15,7 +15,6 @@ pub fn print_line(text: &str) {
     _ = writeln!(out, "{text}").and_then(|()| out.flush());
 }
 
-/// Sends a message.
 pub fn send(message: &Message) {
     match serde_json::to_string(message) {
         Ok(line) => print_line(&line),
@@ -25,51 +24,46 @@ pub fn send(message: &Message) {
 
 /// Reports on one case after the other.
 pub struct Reporter {
-    what: String,
-    repeat: Options,
+    case: Case,
 }
 
 impl Reporter {
     /// A reporter for a job with these options.
-    #[must_use]
     pub fn new(options: &Options) -> Self {
         Self {
-            what: String::new(),
-            repeat: options.clone(),
+            case: Case::new("", options),
         }
     }
 
     /// Begins a case. Failures that follow are attributed to it.
-    pub fn start(&mut self, what: String, repeat: Options) {
-        heartbeat::set_activity(what.clone());
-        (self.what, self.repeat) = (what.clone(), repeat.clone());
-        send(&Message::Started { what, repeat });
+    pub fn start(&mut self, what: &str, repeat: &Options) {
+        heartbeat::set_activity(what);
+        self.case = Case::new(what, repeat);
+        send(&Message::Started(self.case.clone()));
     }
 
     /// Replaces the options that repeat the current case.
     pub fn repeat_with(&mut self, repeat: Options) {
-        self.repeat = repeat;
+        self.case.repeat = repeat;
     }
 
     /// Reports problems of the current case, if there are any.
     pub fn fail(&self, problems: Vec<String>) {
         if !problems.is_empty() {
-            let (what, repeat) = (self.what.clone(), self.repeat.clone());
-            send(&Message::Failed(Failure { what, problems, repeat }));
+            let case = self.case.clone();
+            send(&Message::Failed(Case { problems, ..case }));
         }
     }
 
-    /// Reports a remark.
     pub fn note(&self, text: String) {
         send(&Message::Note(text));
     }
 
     /// Reports a remark about the current case.
     pub fn remark(&self, text: &str) {
-        self.note(format!("{}: {text}", self.what));
+        self.note(format!("{}: {text}", self.case.what));
     }
 
-    /// Reports a question that stayed undecided.
     pub fn undecided(&self, text: String) {
         send(&Message::Undecided(text));
     }
@@ -90,17 +84,15 @@ impl Reporter {
                 tally.skipped += 1;
                 self.remark(&format!("skipped: {reason}"));
             }
-            Verdict::Undecided(reason) => self.undecided(format!("{}: {reason}", self.what)),
+            Verdict::Undecided(reason) => self.undecided(format!("{}: {reason}", self.case.what)),
         }
         self.tried(tally);
     }
 
-    /// Reports amounts of work.
     pub fn tried(&self, tally: Tally) {
         send(&Message::Tried(tally));
     }
 
-    /// Reports that a scene was measured.
     pub fn tried_scene(&self) {
         self.tried(Tally {
             scenes: 1,
@@ -108,7 +100,6 @@ impl Reporter {
         });
     }
 
-    /// Reports the progress so far.
     pub fn progress(&self, done: u64, total: u64, unit: &str) {
         send(&Message::Progress(Progress::new(done, total, unit)));
     }

@@ -4,14 +4,15 @@ use crate::{
     campaign::Campaign,
     faults::Fault,
     options::{Options, Tracer},
-    process::{self, Ended, Limits, Results},
-    protocol::{Failure, Job, Progress},
-    selection::{Section, Selection},
+    process::{self, Ended, Results},
+    protocol::{Case, Job, Progress},
+    selection::{Section, Selection, weight},
     summary::{SectionSummary, Summary},
     word::word,
 };
 use clap::ValueEnum;
 use core::ops::Range;
+use glint_scenes::WorkerLimits;
 use std::{
     collections::VecDeque,
     io,
@@ -41,11 +42,7 @@ const EXAMINE_SECONDS: u64 = 120;
 /// Runs of a crashing fault without reflections: Bevy does not crash every time.
 const FAULT_CONTROLS: u32 = 3;
 
-/// Runs the selected sections; `say` gets every line of the output.
-///
-/// # Errors
-///
-/// If the folder of a campaign can't be read or written.
+/// Runs the selected sections; `say` gets every line of the output. Fails if the folder of a campaign can't be read or written.
 pub fn run(options: &Options, say: &mut dyn FnMut(&str)) -> io::Result<Summary> {
     let campaign = options
         .campaign
@@ -54,9 +51,9 @@ pub fn run(options: &Options, say: &mut dyn FnMut(&str)) -> io::Result<Summary> 
     let time = Duration::from_secs_f64(60.0 * options.minutes);
     let mut runner = Runner {
         options,
-        limits: Limits {
+        limits: WorkerLimits {
             silence: (time / 4).clamp(SILENCE[0], SILENCE[1]),
-            grace: if campaign.is_some() { CAMPAIGN_GRACE } else { GRACE },
+            total: if campaign.is_some() { CAMPAIGN_GRACE } else { GRACE },
         },
         results: Results::default(),
         campaign,
@@ -67,10 +64,10 @@ pub fn run(options: &Options, say: &mut dyn FnMut(&str)) -> io::Result<Summary> 
     let selections = selections(options);
     let mut sections = Vec::new();
     for (index, selection) in selections.iter().enumerate() {
-        let weight = |selection: &Selection| selection.section().weight();
-        let weights: u32 = selections[index..].iter().map(weight).sum();
+        let weigh = |selection: &Selection| weight(selection.section());
+        let weights: u32 = selections[index..].iter().map(weigh).sum();
         let left = time.saturating_sub(start.elapsed());
-        let share = left * weight(selection) / weights.max(1);
+        let share = left * weigh(selection) / weights.max(1);
         (runner.say)(&format!("==> {selection} for up to {} s", share.as_secs()));
         let begin = Instant::now();
         let progress = runner.section(*selection, begin + share);
@@ -139,7 +136,8 @@ fn seconds_until(deadline: Instant) -> u64 {
 
 struct Runner<'a> {
     options: &'a Options,
-    limits: Limits,
+    /// Of a process, without the time of its job.
+    limits: WorkerLimits,
     results: Results,
     campaign: Option<Campaign>,
     /// The campaign's folder can't be written any more.
@@ -290,7 +288,7 @@ impl Runner<'_> {
     }
 
     /// Repeats a scene or a fault that crashed, alone and without reflections, to attribute the crash.
-    fn examine(&mut self, job: &Job, mut crash: Failure) {
+    fn examine(&mut self, job: &Job, mut crash: Case) {
         (self.say)(&format!("    {}: {}; once more", crash.what, crash.problems.join("; ")));
         let is_scene = job.selection.section() == Section::Scenes;
         let alone = Job {
@@ -335,7 +333,7 @@ impl Runner<'_> {
     }
 
     /// Counts a crash as a failure.
-    fn fail(&mut self, crash: Failure) {
+    fn fail(&mut self, crash: Case) {
         (self.say)(&crash.to_string());
         self.results.tally.crashes += 1;
         self.results.failures.push(crash);
@@ -349,8 +347,8 @@ mod tests {
     #[test]
     fn all_sections_have_their_turn() {
         let sections = Section::value_variants();
-        assert_eq!(sections.iter().map(|section| section.weight()).sum::<u32>(), 100);
-        assert!(sections.iter().all(|section| section.weight() > 0));
+        assert_eq!(sections.iter().map(|section| weight(*section)).sum::<u32>(), 100);
+        assert!(sections.iter().all(|section| weight(*section) > 0));
         assert_eq!(tracers(Section::Scenes, Tracer::Auto), [Tracer::Bvh, Tracer::RayQuery]);
         assert_eq!(tracers(Section::Energy, Tracer::RayQuery), [Tracer::RayQuery]);
     }

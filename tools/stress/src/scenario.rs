@@ -42,8 +42,6 @@ pub struct Scenario {
 }
 
 impl Scenario {
-    /// A scenario of these generators.
-    #[must_use]
     pub fn new(seed: u64, size: UVec2, frames: u32, generators: Vec<Generator>) -> Self {
         Self {
             seed,
@@ -54,7 +52,6 @@ impl Scenario {
     }
 
     /// A random scenario that begins with the required generator, if there is one.
-    #[must_use]
     pub fn random(seed: u64, required: Option<Generator>) -> Self {
         let mut random = Random::new(seed);
         let size = random.pick(&SIZES);
@@ -70,59 +67,13 @@ impl Scenario {
         Self::new(seed, size, frames, generators)
     }
 
-    /// Scenarios that together contain every generator that isn't heavy, distributed evenly.
-    #[must_use]
-    pub fn cover(seed: u64, size: UVec2, frames: u32) -> Vec<Self> {
-        // A scene takes only one of each of these kinds at a time.
-        let is_exclusive = |generator: &Generator| {
-            matches!(
-                generator,
-                Generator::Surroundings(_) | Generator::View(_) | Generator::Settings(_) | Generator::Event(_)
-            )
-        };
-        let light = Generator::all().into_iter().filter(|generator| !generator.is_heavy());
-        let (exclusive, shared): (Vec<_>, Vec<_>) = light.partition(is_exclusive);
-        let is_same = |a: &Generator, b: &Generator| core::mem::discriminant(a) == core::mem::discriminant(b);
-        let kinds: Vec<_> = exclusive.chunk_by(is_same).collect();
-        let count = kinds.iter().map(|kind| kind.len()).max().unwrap_or(1);
-        let mut lists = vec![Vec::new(); count];
-        for kind in kinds {
-            for (list, generator) in lists.iter_mut().zip(kind) {
-                list.push(*generator);
-            }
-        }
-        for (index, generator) in shared.into_iter().enumerate() {
-            lists[index % count].push(generator);
-        }
-        let scenario = |(index, generators): (usize, Vec<Generator>)| {
-            Self::new(seed.wrapping_add(index as u64), size, frames, generators)
-        };
-        lists.into_iter().enumerate().map(scenario).collect()
-    }
-
     /// Keeps only the generators at these positions.
-    #[must_use]
     pub fn keep(mut self, positions: &[usize]) -> Self {
         self.generators.retain(|(position, _)| positions.contains(position));
         self
     }
 
-    /// Removes generators that take very much memory or time.
-    #[must_use]
-    pub fn without_heavy(mut self) -> Self {
-        self.generators.retain(|(_, generator)| !generator.is_heavy());
-        self
-    }
-
-    /// An event changes objects or their meshes.
-    #[must_use]
-    pub fn changes_objects(&self) -> bool {
-        let mut generators = self.generators.iter();
-        generators.any(|(_, generator)| matches!(generator, Generator::Event(event) if event.changes_objects()))
-    }
-
     /// Simpler scenarios, the simplest first: half of the generators, all but one, fewer frames, a smaller image.
-    #[must_use]
     pub fn shrink(&self) -> Vec<Self> {
         let count = self.generators.len();
         let with = |generators: Vec<(usize, Generator)>| Self {
@@ -155,7 +106,6 @@ impl Scenario {
     }
 
     /// Names of the generators.
-    #[must_use]
     pub fn describe(&self) -> String {
         let names: Vec<_> = self.generators.iter().map(|(_, generator)| generator.name()).collect();
         if names.is_empty() {
@@ -165,14 +115,58 @@ impl Scenario {
         }
     }
 
-    /// Builds the scene and its cameras.
     pub fn build(&self, harness: &mut Harness) -> HostileScene {
         let mut builder = Builder::new(harness, self.seed, self.size);
         for (position, generator) in &self.generators {
-            builder.random = Random::of_part(self.seed, *position);
+            builder.scene.random = Random::of_part(self.seed, *position);
             generator.add(&mut builder);
         }
         builder.finish(Random::of_part(self.seed, usize::MAX - 1))
+    }
+}
+
+/// The scenarios of the tests.
+#[cfg(test)]
+impl Scenario {
+    /// Scenarios that together contain every generator that isn't heavy, distributed evenly.
+    pub fn cover(seed: u64, size: UVec2, frames: u32) -> Vec<Self> {
+        // A scene takes only one of each of these kinds at a time.
+        let is_exclusive = |generator: &Generator| {
+            matches!(
+                generator,
+                Generator::Surroundings(_) | Generator::View(_) | Generator::Settings(_) | Generator::Event(_)
+            )
+        };
+        let light = Generator::all().into_iter().filter(|generator| !generator.is_heavy());
+        let (exclusive, shared): (Vec<_>, Vec<_>) = light.partition(is_exclusive);
+        let is_same = |a: &Generator, b: &Generator| core::mem::discriminant(a) == core::mem::discriminant(b);
+        let kinds: Vec<_> = exclusive.chunk_by(is_same).collect();
+        let count = kinds.iter().map(|kind| kind.len()).max().unwrap_or(1);
+        let mut lists = vec![Vec::new(); count];
+        for kind in kinds {
+            for (list, generator) in lists.iter_mut().zip(kind) {
+                list.push(*generator);
+            }
+        }
+        for (index, generator) in shared.into_iter().enumerate() {
+            lists[index % count].push(generator);
+        }
+        let scenario = |(index, generators): (usize, Vec<Generator>)| {
+            Self::new(seed.wrapping_add(index as u64), size, frames, generators)
+        };
+        lists.into_iter().enumerate().map(scenario).collect()
+    }
+
+    /// Removes generators that take very much memory or time.
+    pub fn without_heavy(mut self) -> Self {
+        self.generators.retain(|(_, generator)| !generator.is_heavy());
+        self
+    }
+
+    /// An event changes objects or their meshes.
+    pub fn changes_objects(&self) -> bool {
+        let mut generators = self.generators.iter();
+        generators.any(|(_, generator)| matches!(generator, Generator::Event(event) if event.changes_objects()))
     }
 }
 

@@ -5,54 +5,37 @@ use clap::ValueEnum;
 use core::{fmt, str::FromStr};
 use serde::{Deserialize, Serialize};
 
-/// A section of a stress run. Sections run in this order.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum, Serialize, Deserialize)]
-pub enum Section {
-    /// Limited and lost devices, broken shaders.
-    Faults,
-    /// White furnaces, and every technique against the ground truth.
-    Energy,
-    /// Flicker of static scenes.
-    Stability,
-    /// Ten thousand frames.
-    LongRun,
-    /// Shaders with and without runtime checks.
-    Bounds,
-    /// Broken files in the viewer.
-    Viewer,
-    /// Hostile scenes.
-    Scenes,
-}
-
-impl Section {
-    /// Fraction of the time, in percent. The sections after it share its unused time.
-    #[must_use]
-    pub fn weight(self) -> u32 {
-        match self {
-            Self::Faults | Self::Energy => 18,
-            Self::Stability => 14,
-            Self::LongRun => 25,
-            Self::Bounds => 5,
-            Self::Viewer => 4,
-            Self::Scenes => 16,
-        }
+kinds! {
+    /// A section of a stress run, with its fraction of the time in percent. Sections run in this order, and those after one share its unused
+    /// time.
+    Section, pub fn weight() -> u32 {
+        // Limited and lost devices, broken shaders.
+        Faults => 18,
+        // White furnaces, and every technique against the ground truth.
+        Energy => 18,
+        // Flicker of static scenes.
+        Stability => 14,
+        // Ten thousand frames.
+        LongRun => 25,
+        // Shaders with and without runtime checks.
+        Bounds => 5,
+        // Broken files.
+        Viewer => 4,
+        // Hostile ones.
+        Scenes => 16,
     }
 }
 
 /// A section, a fault, or scenes with a generator.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Selection {
-    /// One section.
     Section(Section),
-    /// One fault.
     Fault(Fault),
     /// Scenes that all use one generator.
     With(Generator),
 }
 
 impl Selection {
-    /// The section that it belongs to.
-    #[must_use]
     pub fn section(self) -> Section {
         match self {
             Self::Section(section) => section,

@@ -43,11 +43,9 @@ pub const LENGTHS: Lengths = Lengths {
 /// Flicker of the techniques in a scene.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Flicker {
-    /// The scene.
     pub scene: String,
     /// Technique, and mean of standard deviation over mean of the pixels that reflect.
     pub techniques: Vec<(&'static str, f64)>,
-    /// Problems.
     pub problems: Vec<String>,
 }
 
@@ -69,11 +67,7 @@ fn is_coarse(technique: &str) -> bool {
     technique.starts_with("quarter") || technique.starts_with("vrs-")
 }
 
-/// Measures techniques in a scene, full resolution first.
-///
-/// # Errors
-///
-/// If the scene can't be rendered.
+/// Measures techniques in a scene, full resolution first. Fails if the scene can't be rendered.
 pub fn measure(
     harness: &mut Harness,
     scene: StaticScene,
@@ -107,7 +101,6 @@ pub fn measure(
 }
 
 /// Compares the flicker in several scenes with the limits.
-#[must_use]
 pub fn evaluate(scenes: &[Flicker]) -> Measurements {
     let mut measurements = Measurements::default();
     let mut names: Vec<&'static str> = Vec::new();

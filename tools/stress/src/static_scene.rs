@@ -5,9 +5,7 @@ use crate::{
     image::{LinearImage, luminance},
 };
 use bevy::{camera::Exposure, core_pipeline::tonemapping::Tonemapping, prelude::*};
-use bevy_glint::{
-    RayTracedReflections, ReflectionDebugView, ReflectionTechnique, ShadingRateHeuristic, named_settings,
-};
+use bevy_glint::{RayTracedReflections, ReflectionDebugView, ReflectionTechnique, named_settings};
 use glint_scenes::{Random, SceneName, environment};
 
 /// Maximum number of frames to wait for assets, pipelines and meshes.
@@ -31,7 +29,6 @@ pub const TECHNIQUES: [&str; 11] = [
 /// A static scene.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum StaticScene {
-    /// One of the built-in scenes.
     BuiltIn(SceneName),
     /// Boxes, balls, small lamps and glowing panels at random.
     Random(u64),
@@ -39,7 +36,6 @@ pub enum StaticScene {
 
 impl StaticScene {
     /// The name for reports.
-    #[must_use]
     pub fn name(self) -> String {
         match self {
             Self::BuiltIn(name) => name.as_str().to_owned(),
@@ -51,7 +47,6 @@ impl StaticScene {
 /// A scene with a camera that shows only the reflection.
 pub struct StaticSceneView {
     root: Entity,
-    /// The camera.
     pub camera: Entity,
 }
 
@@ -85,68 +80,54 @@ impl StaticSceneView {
         }
     }
 
-    /// Switches to a technique without roughness cut-off and clears its history; false if it can't be compiled.
-    ///
-    /// # Errors
-    ///
-    /// If there is no technique of that name.
+    /// Switches to a technique without roughness cut-off and clears its history; false if it can't be compiled. Fails if there is no
+    /// technique of that name.
     pub fn switch(&self, harness: &mut Harness, name: &str, view: ReflectionDebugView) -> Result<bool, String> {
-        Ok(self.show(harness, without_cut_off(name)?, view))
+        self.show(harness, name, view, true)
     }
 
     /// Like [`switch`](Self::switch), without history: frames then differ by all the noise of their rays, independently of each other.
-    ///
-    /// # Errors
-    ///
-    /// If there is no technique of that name.
     pub fn switch_to_single_frames(
         &self,
         harness: &mut Harness,
         name: &str,
         view: ReflectionDebugView,
     ) -> Result<bool, String> {
-        let (mut settings, heuristic) = without_cut_off(name)?;
-        settings.denoiser.temporal = false;
-        Ok(self.show(harness, (settings, heuristic), view))
+        self.show(harness, name, view, false)
     }
 
     fn show(
         &self,
         harness: &mut Harness,
-        settings: (RayTracedReflections, ShadingRateHeuristic),
+        name: &str,
         view: ReflectionDebugView,
-    ) -> bool {
+        has_history: bool,
+    ) -> Result<bool, String> {
+        let (mut settings, heuristic) = named_settings(name).map_err(|error| error.to_string())?;
+        (settings.roughness_cutoff, settings.roughness_fade) = (1.0, 0.0);
+        settings.denoiser.temporal &= has_history;
         let mut camera = harness.world().entity_mut(self.camera);
-        camera.insert((settings, view, Tonemapping::None));
+        camera.insert((settings, heuristic, view, Tonemapping::None));
         let is_idle = harness.wait_until_idle(PATIENCE);
         if let Some(mut reflections) = harness.world().get_mut::<RayTracedReflections>(self.camera) {
             reflections.reset = true;
         }
-        is_idle
+        Ok(is_idle)
     }
 
-    /// Renders frames and passes each image to `look`.
-    ///
-    /// # Errors
-    ///
-    /// If an image can't be read, or has pixels that are not finite.
+    /// Renders frames and passes each image to `look`. Fails if an image can't be read, or has pixels that are not finite.
     pub fn watch(&self, harness: &mut Harness, frames: u32, mut look: impl FnMut(&LinearImage)) -> Result<(), String> {
         for frame in 0..frames {
             harness.step(1);
             let image = harness.image(self.camera)?;
-            if let Some(index) = image.non_finite().first() {
-                return Err(format!("pixel {index} of frame {frame} is not finite"));
-            }
+            let checked = image.check_finite();
+            checked.map_err(|error| format!("frame {frame}: {error}"))?;
             look(&image);
         }
         Ok(())
     }
 
     /// Renders frames and averages their luminances.
-    ///
-    /// # Errors
-    ///
-    /// As [`watch`](Self::watch).
     pub fn average(&self, harness: &mut Harness, frames: u32) -> Result<Average, String> {
         let mut average = Average::default();
         self.watch(harness, frames, |image| average.add(image))?;
@@ -154,18 +135,9 @@ impl StaticSceneView {
     }
 }
 
-/// Settings of a technique that reflects on surfaces of any roughness.
-fn without_cut_off(name: &str) -> Result<(RayTracedReflections, ShadingRateHeuristic), String> {
-    let (mut settings, heuristic) = named_settings(name).map_err(|error| error.to_string())?;
-    settings.roughness_cutoff = 1.0;
-    settings.roughness_fade = 0.0;
-    Ok((settings, heuristic))
-}
-
 /// Luminances of an image, averaged over frames.
 #[derive(Clone, Debug, Default)]
 pub struct Average {
-    /// Pixels of the image.
     pub size: UVec2,
     /// Mean of each frame.
     pub frame_means: Vec<f64>,
@@ -206,13 +178,11 @@ impl Average {
     }
 
     /// Mean of all pixels and frames.
-    #[must_use]
     pub fn mean(&self) -> f64 {
         self.frame_means.iter().sum::<f64>() / self.frames()
     }
 
     /// Flags of the pixels that show a reflection: at least this fraction of the mean of all.
-    #[must_use]
     pub fn lit(&self, fraction: f64) -> Vec<bool> {
         let least = (fraction * self.mean()).max(1e-6);
         self.means().map(|mean| mean >= least).collect()
@@ -220,7 +190,6 @@ impl Average {
 
     /// Mean flicker of some pixels: standard deviation from frame to frame over mean. The mean of a dark pixel is replaced by the
     /// fraction `dark` of the mean of all, since its flicker is invisible.
-    #[must_use]
     pub fn flicker(&self, pixels: &[bool], dark: f64) -> f64 {
         let frames = self.frames();
         let least = (dark * self.mean()).max(1e-6);
@@ -237,7 +206,6 @@ impl Average {
     }
 
     /// Largest mean among the pixels within reach of each.
-    #[must_use]
     pub fn brightest_nearby(&self, reach: i32) -> Vec<f32> {
         let means: Vec<f64> = self.means().collect();
         let size = self.size.as_ivec2();
@@ -301,7 +269,6 @@ fn random(harness: &mut Harness, seed: u64, size: UVec2) -> StaticSceneView {
 }
 
 /// The techniques that this harness can trace.
-#[must_use]
 pub fn techniques(harness: &Harness) -> Vec<&'static str> {
     let inline = harness.has_inline_rays();
     let traces = |name: &&str| {

@@ -12,7 +12,6 @@ pub enum LimitCheck {
 }
 
 /// Compares a value that is known within `margin` with a limit.
-#[must_use]
 pub fn check_limit(value: f64, margin: f64, limit: f64) -> LimitCheck {
     if !value.is_finite() || value - margin > limit {
         LimitCheck::Exceeded
@@ -24,14 +23,12 @@ pub fn check_limit(value: f64, margin: f64, limit: f64) -> LimitCheck {
 }
 
 /// Mean of independent values, and its standard error, which is infinite for fewer than two.
-#[must_use]
 pub fn mean_and_error(values: &[f64]) -> (f64, f64) {
     let (mean, deviation) = mean_and_deviation(values);
     (mean, deviation / (values.len().max(1) as f64).sqrt())
 }
 
 /// Mean of independent values, and the standard deviation of one of them, which is infinite for fewer than two.
-#[must_use]
 pub fn mean_and_deviation(values: &[f64]) -> (f64, f64) {
     let count = values.len() as f64;
     let mean = values.iter().sum::<f64>() / count.max(1.0);
@@ -47,7 +44,6 @@ fn squares_around(values: &[f64], mean: f64) -> f64 {
 
 /// Number of standard errors that cover 95 % of all cases if the error itself was estimated with this many degrees of freedom
 /// (Student's t).
-#[must_use]
 pub fn student(degrees: usize) -> f64 {
     const Z: f64 = 1.959_964;
     match degrees {
@@ -83,7 +79,6 @@ impl Drift {
     pub const FEWEST: usize = 3;
 
     /// Compares the halves of a series. The middle value of an odd number is left out. `None` if there are too few.
-    #[must_use]
     pub fn of(series: &[f64]) -> Option<Self> {
         let values = series.len() / 2;
         if values < Self::FEWEST {
@@ -103,7 +98,6 @@ impl Drift {
     }
 
     /// Compares the change, whatever its sign, with a limit.
-    #[must_use]
     pub fn check(&self, limit: f64) -> LimitCheck {
         check_limit(self.change.abs(), self.margin, limit)
     }

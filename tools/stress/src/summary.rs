@@ -13,7 +13,6 @@ const LEAST_RAYS: u64 = 100_000;
 pub struct SectionSummary {
     /// Its word.
     pub name: String,
-    /// Its progress, if it sent any.
     pub progress: Option<Progress>,
     /// Its duration.
     pub took: Duration,
@@ -21,7 +20,6 @@ pub struct SectionSummary {
 
 impl SectionSummary {
     /// There was not enough time for all of it.
-    #[must_use]
     pub fn is_unfinished(&self) -> bool {
         self.progress.as_ref().is_none_or(Progress::is_unfinished)
     }
@@ -40,13 +38,11 @@ impl fmt::Display for SectionSummary {
 pub struct Summary {
     /// Results of all worker processes.
     pub results: Results,
-    /// The sections.
     pub sections: Vec<SectionSummary>,
 }
 
 impl Summary {
     /// Returns whether something was tried, and nothing failed.
-    #[must_use]
     pub fn is_good(&self) -> bool {
         let tally = &self.results.tally;
         self.results.failures.is_empty() && tally.frames + tally.files > 0 && !self.excuses_too_much()

@@ -6,9 +6,7 @@ use serde::{Deserialize, Serialize};
 /// Amounts of work, and the largest shares of budgets.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Tally {
-    /// Scenes that were built.
     pub scenes: u64,
-    /// Frames that were rendered.
     pub frames: u64,
     /// Pixels of their cameras.
     pub pixels: u64,

@@ -40,10 +40,7 @@ pub struct Viewer {
 
 impl Viewer {
     /// Finds the program: the given one, or one beside this program as cargo builds it.
-    ///
-    /// # Errors
-    ///
-    /// If the program doesn't exist, or no folder can be created.
+    /// Fails if the program doesn't exist, or no folder can be created.
     pub fn new(given: Option<&Path>, tracer: String) -> Result<Self, String> {
         let name = format!("glint_viewer{}", env::consts::EXE_SUFFIX);
         let own = env::current_exe().map_err(|error| error.to_string())?;
@@ -60,14 +57,12 @@ impl Viewer {
     }
 
     /// The kind of damage for a seed. Kinds take turns, so that few files cover all of them.
-    #[must_use]
     pub fn kind(seed: u64) -> FileKind {
         let kinds = FileKind::value_variants();
         kinds[(seed % kinds.len() as u64) as usize]
     }
 
     /// Opens the file of a seed in the viewer.
-    #[must_use]
     pub fn show(&self, seed: u64) -> Verdict {
         let bytes = file_bytes(Self::kind(seed), &mut Random::new(seed));
         let file = self.folder.path().join(format!("{seed}.glb"));

@@ -61,7 +61,8 @@ impl Harness {
         })
     }
 
-    fn step_while(&mut self, limit: u32, mut is_pending: impl FnMut(&mut Self) -> bool) -> bool {
+    /// Renders while something is pending; false if that takes more than `limit` frames.
+    pub fn step_while(&mut self, limit: u32, mut is_pending: impl FnMut(&mut Self) -> bool) -> bool {
         for _ in 0..limit {
             if !is_pending(self) {
                 return true;

@@ -7,12 +7,13 @@ use crate::{
 use bevy::{
     asset::RenderAssetUsages,
     ecs::entity_disabling::Disabled,
+    image::ToExtents,
     mesh::{
         VertexAttributeValues,
         skinning::{SkinnedMesh, SkinnedMeshInverseBindposes},
     },
     prelude::*,
-    render::render_resource::{Extent3d, TextureDimension, TextureFormat},
+    render::render_resource::{TextureDimension, TextureFormat},
 };
 
 /// Objects of a level. Each has its own mesh, material and image.
@@ -93,12 +94,8 @@ fn reload_image(
 }
 
 fn plain_image(edge: u32) -> Image {
-    let size = Extent3d {
-        width: edge,
-        height: edge,
-        ..default()
-    };
     let (format, usage) = (TextureFormat::Rgba8UnormSrgb, RenderAssetUsages::default());
+    let size = UVec2::splat(edge).to_extents();
     Image::new_fill(size, TextureDimension::D2, &[200, 90, 30, 128], format, usage)
 }
 
@@ -113,12 +110,7 @@ fn set_texture(world: &mut World, material: Option<AssetId<StandardMaterial>>, i
 /// Loads a level in one frame, and unloads it in the next one.
 pub(super) fn load_level(harness: &mut Harness, scene: &mut HostileScene) {
     if !scene.level.is_empty() || harness.world().get_entity(scene.root).is_err() {
-        for entity in scene.level.drain(..) {
-            if let Ok(entity) = harness.world().get_entity_mut(entity) {
-                entity.despawn();
-            }
-        }
-        return;
+        return harness.despawn(scene.level.drain(..));
     }
     for index in 0..OBJECTS_OF_A_LEVEL {
         let image = harness

@@ -6,65 +6,39 @@ mod run;
 use crate::harness::HarnessSettings;
 use bevy::render::settings::{WgpuFeatures, WgpuLimits, WgpuSettings, WgpuSettingsPriority};
 use bevy_glint::ReflectionTracerChoice;
-use clap::ValueEnum;
-use serde::{Deserialize, Serialize};
 
-/// A fault of a device or a shader.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum, Serialize, Deserialize)]
-pub enum Fault {
-    /// The device is lost and comes back.
-    DeviceLost,
-    /// No timestamps.
-    NoTimestamps,
-    /// No binding arrays.
-    NoBindingArrays,
-    /// Ray queries are requested but unavailable.
-    NoRayQueries,
-    /// Only the formats that WebGPU guarantees.
-    NoStorageFormats,
-    /// WebGPU's minimum of features and limits.
-    #[value(name = "webgpu-minimum")]
-    WebGpuMinimum,
-    /// Fewer storage buffers than the passes need.
-    FewStorageBuffers,
-    /// A shader of the library that doesn't compile.
-    BrokenPass,
-    /// A user's heuristic that doesn't compile.
-    BrokenHeuristic,
-    /// A user's heuristic with a file that doesn't exist.
-    MissingHeuristic,
-    /// Not enough instances in the driver's top level.
-    FewInstances,
-    /// A mesh above the limit of the driver's structures.
-    LargeMesh,
-    /// A mesh above the limit of any buffer.
-    FullBuffers,
+kinds! {
+    /// A fault of a device or a shader. Of these texts one must be reported in the status or in the log, unless everything works as usual.
+    Fault, fn messages() -> &'static [&'static str] {
+        // The device is lost and comes back.
+        DeviceLost => &["Caught DeviceLost"],
+        NoTimestamps => &[],
+        NoBindingArrays => &["are copies of 256x256 texels"],
+        // Requested, but unavailable.
+        NoRayQueries => &["ray queries were asked for, but the device lacks"],
+        // Only the formats that WebGPU guarantees.
+        NoStorageFormats => &["a `ReflectionDebugView` is ignored"],
+        // Either its features and limits suffice, or reflections are declined.
+        #[value(name = "webgpu-minimum")]
+        WebGpuMinimum => &["are copies of 256x256 texels", "storage buffers in a shader stage and"],
+        // Than the passes need.
+        FewStorageBuffers => &["storage buffers in a shader stage and"],
+        // Shaders of the library and of a user that don't compile, or don't exist.
+        BrokenPass => &["a denoiser of ray-traced reflections failed"],
+        BrokenHeuristic => &["failed, so that every trace pixel gets its ray"],
+        MissingHeuristic => &["there_is_no_such_file.wesl"],
+        // In the driver's top level.
+        FewInstances => &["objects can be reflected, but the device's limit is"],
+        // A mesh above the limit of the driver's structures, and above that of any buffer.
+        LargeMesh => &["is missing from reflections: the device's limit is"],
+        FullBuffers => &["doesn't fit into the memory that one buffer may take"],
+    }
 }
 
 impl Fault {
     /// It concerns the driver's acceleration structures.
     fn needs_ray_queries(self) -> bool {
         matches!(self, Self::FewInstances | Self::LargeMesh)
-    }
-
-    /// Texts, one of which must be reported in the status or in the log. Empty if everything works as usual.
-    fn messages(self) -> &'static [&'static str] {
-        match self {
-            Self::DeviceLost => &["Caught DeviceLost"],
-            Self::NoTimestamps => &[],
-            Self::NoBindingArrays => &["are copies of 256x256 texels"],
-            // Either the minimum suffices, or reflections are declined.
-            Self::WebGpuMinimum => &["are copies of 256x256 texels", "storage buffers in a shader stage and"],
-            Self::NoRayQueries => &["ray queries were asked for, but the device lacks"],
-            Self::NoStorageFormats => &["a `ReflectionDebugView` is ignored"],
-            Self::FewStorageBuffers => &["storage buffers in a shader stage and"],
-            Self::BrokenPass => &["a denoiser of ray-traced reflections failed"],
-            Self::BrokenHeuristic => &["failed, so that every trace pixel gets its ray"],
-            Self::MissingHeuristic => &["there_is_no_such_file.wesl"],
-            Self::FewInstances => &["objects can be reflected, but the device's limit is"],
-            Self::LargeMesh => &["is missing from reflections: the device's limit is"],
-            Self::FullBuffers => &["doesn't fit into the memory that one buffer may take"],
-        }
     }
 
     /// Something is still reflected; `None` if the status decides.

@@ -1,6 +1,6 @@
 //! Injects a fault into an app, and checks the reports and the image.
 
-use super::Fault;
+use super::{Fault, messages};
 use crate::{
     fixture::Fixture,
     harness::{Harness, HarnessSettings},
@@ -23,8 +23,6 @@ const RECOVERY: u32 = 300;
 const RECOVERED: f64 = 0.02;
 
 impl Fault {
-    /// Injects the fault.
-    #[must_use]
     pub fn run(self, tracer: ReflectionTracerChoice, size: UVec2) -> (Verdict, Tally) {
         let settings = self.settings(tracer);
         let mut tally = Tally {
@@ -34,7 +32,7 @@ impl Fault {
         let problems = match self.attempt(&settings, size, &mut tally) {
             Ok(Some(skipped)) => return (Verdict::Skipped(skipped), tally),
             Ok(None) => {
-                let report = match self.messages() {
+                let report = match messages(self) {
                     [] => "nothing needs to be reported".to_owned(),
                     texts => format!("reported: \"{}\"", texts.join("\" or \"")),
                 };
@@ -55,7 +53,6 @@ impl Fault {
     }
 
     /// Injects the fault into an app without reflections, to attribute a crash of the whole process.
-    #[must_use]
     pub fn run_without_reflections(self, tracer: ReflectionTracerChoice, size: UVec2) -> (Verdict, Tally) {
         let mut tally = Tally::default();
         let verdict = match self.control(self.settings(tracer), size, &mut tally) {
@@ -79,7 +76,7 @@ impl Fault {
                 return Ok(Some(reason.to_owned()));
             }
             let mut problems = self.inject(harness, size);
-            let texts = self.messages();
+            let texts = messages(self);
             if !texts.is_empty() && !texts.iter().any(|text| is_reported(harness, text)) {
                 problems.push(format!("nothing reports any of {texts:?}"));
             }

@@ -23,9 +23,7 @@ pub struct HostileScene {
     pub camera: CameraSetup,
     /// Objects that events can move, change or remove.
     pub objects: Vec<Entity>,
-    /// Files that are being loaded.
     pub files: Vec<UntypedAssetId>,
-    /// Events between frames.
     pub events: Vec<EventKind>,
     /// Objects of the level that an event has loaded.
     pub level: Vec<Entity>,
@@ -40,11 +38,7 @@ pub struct HostileScene {
 impl HostileScene {
     /// Despawns the rest of the scene.
     pub fn remove(&self, harness: &mut Harness) {
-        for &entity in self.cameras.iter().chain([&self.root]) {
-            if let Ok(entity) = harness.world().get_entity_mut(entity) {
-                entity.despawn();
-            }
-        }
+        harness.despawn(self.cameras.iter().chain([&self.root]).copied());
     }
 
     /// Cameras that still exist and render into a target of their own.
@@ -62,20 +56,9 @@ impl HostileScene {
 pub struct Builder<'a> {
     /// The app in which it is built.
     pub harness: &'a mut Harness,
-    /// Random numbers for the current generator.
-    pub random: Random,
-    /// The parent of all entities.
-    pub root: Entity,
-    /// The scene's own camera.
-    pub camera: CameraSetup,
-    /// Further cameras.
+    /// The scene. Until it is finished, its random numbers are those of the current generator.
+    pub scene: HostileScene,
     pub more_cameras: Vec<CameraSetup>,
-    /// See [`HostileScene::objects`].
-    pub objects: Vec<Entity>,
-    /// See [`HostileScene::files`].
-    pub files: Vec<UntypedAssetId>,
-    /// See [`HostileScene::events`].
-    pub events: Vec<EventKind>,
 }
 
 impl<'a> Builder<'a> {
@@ -83,16 +66,22 @@ impl<'a> Builder<'a> {
     pub fn new(harness: &'a mut Harness, seed: u64, size: UVec2) -> Self {
         let sky = environment(SceneName::Furnace, harness.world());
         let root = harness.world().spawn((Transform::IDENTITY, Visibility::default()));
-        let root = root.id();
-        let mut builder = Self {
-            harness,
-            random: Random::new(seed),
-            root,
+        let scene = HostileScene {
+            root: root.id(),
+            cameras: Vec::new(),
             camera: CameraSetup::ordinary(size, sky),
-            more_cameras: Vec::new(),
             objects: Vec::new(),
             files: Vec::new(),
             events: Vec::new(),
+            level: Vec::new(),
+            joints: Vec::new(),
+            images: Vec::new(),
+            random: Random::new(seed),
+        };
+        let mut builder = Self {
+            harness,
+            scene,
+            more_cameras: Vec::new(),
         };
         builder.add_ordinary_objects();
         builder
@@ -100,19 +89,12 @@ impl<'a> Builder<'a> {
 
     /// Spawns the cameras. `random` is for the events.
     pub fn finish(self, random: Random) -> HostileScene {
-        let setups = core::iter::once(&self.camera).chain(&self.more_cameras);
-        let cameras = setups.map(|setup| setup.spawn(self.harness, self.root)).collect();
+        let setups = core::iter::once(&self.scene.camera).chain(&self.more_cameras);
+        let cameras = setups.map(|setup| setup.spawn(self.harness, self.scene.root)).collect();
         HostileScene {
-            root: self.root,
             cameras,
-            camera: self.camera,
-            objects: self.objects,
-            files: self.files,
-            events: self.events,
-            level: Vec::new(),
-            joints: Vec::new(),
-            images: Vec::new(),
             random,
+            ..self.scene
         }
     }
 
@@ -123,22 +105,20 @@ impl<'a> Builder<'a> {
 
     /// Settings of the camera's reflections.
     pub fn reflections(&mut self) -> &mut RayTracedReflections {
-        self.camera.reflections.get_or_insert_default()
+        self.scene.camera.reflections.get_or_insert_default()
     }
 
-    /// Adds a mesh asset.
-    pub fn mesh(&mut self, mesh: impl Into<Mesh>) -> Handle<Mesh> {
-        self.world().resource_mut::<Assets<Mesh>>().add(mesh)
+    pub fn asset<A: Asset>(&mut self, asset: impl Into<A>) -> Handle<A> {
+        self.world().resource_mut::<Assets<A>>().add(asset)
     }
 
-    /// Adds a material asset.
-    pub fn material(&mut self, material: StandardMaterial) -> Handle<StandardMaterial> {
-        self.world().resource_mut::<Assets<StandardMaterial>>().add(material)
-    }
-
-    /// Adds an image asset.
     pub fn image(&mut self, image: Image) -> Handle<Image> {
-        self.world().resource_mut::<Assets<Image>>().add(image)
+        self.asset(image)
+    }
+
+    /// One that never loads.
+    pub fn absent_image(&mut self) -> Handle<Image> {
+        self.world().resource::<Assets<Image>>().reserve_handle()
     }
 
     /// Adds an image of one layer with equal texels.
@@ -155,14 +135,14 @@ impl<'a> Builder<'a> {
 
     /// Spawns a child of the root.
     pub fn add(&mut self, bundle: impl Bundle) -> Entity {
-        let root = self.root;
+        let root = self.scene.root;
         self.world().spawn((bundle, ChildOf(root))).id()
     }
 
     /// Spawns an object that events can change.
     pub fn object(&mut self, mesh: impl Into<Mesh>, material: StandardMaterial, transform: Transform) -> Entity {
-        let entity = self.harness.spawn_objects(self.root, mesh, material, [transform])[0];
-        self.objects.push(entity);
+        let entity = self.harness.spawn_objects(self.scene.root, mesh, material, [transform])[0];
+        self.scene.objects.push(entity);
         entity
     }
 
@@ -174,7 +154,7 @@ impl<'a> Builder<'a> {
 
     /// A random pose of an object: in view, or behind the camera where only reflections show it.
     pub fn spot(&mut self) -> Transform {
-        let random = &mut self.random;
+        let random = &mut self.scene.random;
         let behind = if random.chance(0.4) { 4.5 } else { 0.0 };
         let position = Vec3::new(
             random.range(-1.4, 1.4),
@@ -187,7 +167,7 @@ impl<'a> Builder<'a> {
 
     /// A random material in the usual ranges.
     pub fn plain(&mut self) -> StandardMaterial {
-        let random = &mut self.random;
+        let random = &mut self.scene.random;
         StandardMaterial {
             base_color: Color::linear_rgb(random.range(0.1, 0.9), random.range(0.1, 0.9), random.range(0.1, 0.9)),
             perceptual_roughness: random.range(0.0, 1.0),
@@ -205,7 +185,8 @@ impl<'a> Builder<'a> {
         };
         let flat = Transform::from_rotation(Quat::from_rotation_x(-core::f32::consts::FRAC_PI_2));
         let floor = Rectangle::new(6.0, 6.0);
-        self.harness.spawn_objects(self.root, floor, surface(1.0, 0.0), [flat]);
+        self.harness
+            .spawn_objects(self.scene.root, floor, surface(1.0, 0.0), [flat]);
         for (index, (metallic, roughness)) in [(1.0, 0.1), (0.0, 0.4), (0.5, 0.8)].into_iter().enumerate() {
             let material = StandardMaterial {
                 base_color: Color::linear_rgb(0.8, 0.3 * index as f32, 0.2),

@@ -15,27 +15,17 @@ pub struct CameraSetup {
     pub size: UVec2,
     /// Pose below the root of the scene.
     pub transform: Transform,
-    /// Projection.
     pub projection: Projection,
-    /// Exposure.
     pub exposure: Exposure,
     /// Viewport, culling and background.
     pub camera: Camera,
-    /// Ambient light.
     pub ambient: AmbientLight,
-    /// Environment map.
     pub light: Option<EnvironmentMapLight>,
-    /// Visible sky.
     pub skybox: Option<Skybox>,
-    /// Fog.
     pub fog: Option<DistanceFog>,
-    /// Reflections, if the camera has any.
     pub reflections: Option<RayTracedReflections>,
-    /// Heuristic of the shading rate.
     pub heuristic: ShadingRateHeuristic,
-    /// Tile size of the shading rate.
     pub tile_size: ShadingRateTileSize,
-    /// Debug view.
     pub view: ReflectionDebugView,
     /// Division of the image into two debug views.
     pub split: Option<ReflectionDebugSplit>,
@@ -45,7 +35,6 @@ pub struct CameraSetup {
 
 impl CameraSetup {
     /// A camera in front of the ordinary scene, under a sky.
-    #[must_use]
     pub fn ordinary(size: UVec2, sky: Environment) -> Self {
         Self {
             size,

@@ -3,60 +3,40 @@
 use super::Builder;
 use crate::glb::Parts;
 use bevy::{asset::io::embedded::EmbeddedAssetRegistry, prelude::*};
-use clap::ValueEnum;
 use glint_scenes::Random;
-use serde::{Deserialize, Serialize};
 use std::{
     path::{Path, PathBuf},
     sync::atomic::{AtomicU64, Ordering},
 };
 
-/// Kinds of damage to a file.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum, Serialize, Deserialize)]
-pub enum FileKind {
-    /// None.
-    Intact,
-    /// The file ends early.
-    Truncated,
-    /// Some bits are flipped.
-    FlippedBits,
-    /// The version or a length in the header is wrong.
-    WrongLengths,
-    /// Numbers in the JSON are out of range.
-    WildNumbers,
-    /// Names in the JSON are missing.
-    LostNames,
-    /// Vertices, indices or the image are out of range.
-    WildBinary,
-}
-
-/// The bytes of a file with this damage.
-#[must_use]
-pub fn bytes(kind: FileKind, random: &mut Random) -> Vec<u8> {
-    let mut parts = Parts::default();
-    match kind {
-        FileKind::WildNumbers => parts.wild_numbers(random),
-        FileKind::LostNames => parts.lost_names(random),
-        FileKind::WildBinary => parts.wild_binary(random),
-        _ => {}
-    }
-    let mut file = parts.file();
-    match kind {
-        FileKind::Truncated => file.truncate(random.below(file.len())),
-        FileKind::FlippedBits => {
-            for _ in 0..1 + random.below(8) {
-                let index = random.below(file.len());
-                file[index] ^= 1 << random.below(8);
-            }
-        }
-        FileKind::WrongLengths => {
-            // The version, the length of the file, and the length of the JSON.
+kinds! {
+    /// Kinds of damage to a file.
+    FileKind, pub fn bytes(random: &mut Random) -> Vec<u8> {
+        Intact => damaged(|_| {}, |_| {}),
+        Truncated => damaged(|_| {}, |file| file.truncate(random.below(file.len()))),
+        FlippedBits => damaged(|_| {}, |file| (0..1 + random.below(8)).for_each(|_| {
+            let index = random.below(file.len());
+            file[index] ^= 1 << random.below(8);
+        })),
+        // The version, the length of the file, or the length of the JSON.
+        WrongLengths => damaged(|_| {}, |file| {
             let offset = random.pick(&[4, 8, 12]);
             let length = random.pick(&[0, 1, 12, 4096, 0x7fff_ffff, u32::MAX]);
             file[offset..offset + 4].copy_from_slice(&length.to_le_bytes());
-        }
-        _ => {}
+        }),
+        WildNumbers => damaged(|parts| parts.wild_numbers(random), |_| {}),
+        LostNames => damaged(|parts| parts.lost_names(random), |_| {}),
+        // Vertices, indices or the image are out of range.
+        WildBinary => damaged(|parts| parts.wild_binary(random), |_| {}),
     }
+}
+
+/// A file whose content or bytes are changed.
+fn damaged(content: impl FnOnce(&mut Parts), bytes: impl FnOnce(&mut Vec<u8>)) -> Vec<u8> {
+    let mut parts = Parts::default();
+    content(&mut parts);
+    let mut file = parts.file();
+    bytes(&mut file);
     file
 }
 
@@ -64,7 +44,7 @@ pub fn bytes(kind: FileKind, random: &mut Random) -> Vec<u8> {
 pub fn add(kind: FileKind, builder: &mut Builder) {
     /// Bevy loads a name once, so each file needs its own.
     static NEXT: AtomicU64 = AtomicU64::new(0);
-    let bytes = bytes(kind, &mut builder.random);
+    let bytes = bytes(kind, &mut builder.scene.random);
     let spot = builder.spot();
     let name = format!("stress/{}.glb", NEXT.fetch_add(1, Ordering::Relaxed));
     let world = builder.world();
@@ -72,13 +52,14 @@ pub fn add(kind: FileKind, builder: &mut Builder) {
     registry.insert_asset(PathBuf::from(&name), Path::new(&name), bytes);
     let path = GltfAssetLabel::Scene(0).from_asset(format!("embedded://{name}"));
     let file: Handle<WorldAsset> = world.resource::<AssetServer>().load(path);
-    builder.files.push(file.id().untyped());
+    builder.scene.files.push(file.id().untyped());
     builder.add((WorldAssetRoot(file), spot));
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use clap::ValueEnum;
 
     #[test]
     fn all_files_but_the_intact_one_are_damaged() {

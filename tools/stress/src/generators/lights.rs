@@ -2,196 +2,98 @@
 
 use super::Builder;
 use bevy::prelude::*;
-use clap::ValueEnum;
 use core::f32::consts::{FRAC_PI_2, PI};
-use serde::{Deserialize, Serialize};
 
 /// Lumens that suit the exposure of the camera.
 const LUMENS: f32 = 30.0;
+const NAN: f32 = f32::NAN;
+const INFINITY: f32 = f32::INFINITY;
 
-/// Lights.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum, Serialize, Deserialize)]
-pub enum LightKind {
-    /// An ordinary lamp.
-    Lamp,
-    /// A NaN number of lumens.
-    NanPoint,
-    /// An infinite number of lumens.
-    InfinitePoint,
-    /// 1e12 lumens.
-    HugePoint,
-    /// A negative number of lumens.
-    NegativePoint,
-    /// A colour that is NaN.
-    NanColor,
-    /// A range of 0.
-    ZeroRange,
-    /// A range that is NaN.
-    NanRange,
-    /// An infinite range.
-    InfiniteRange,
-    /// A radius that is NaN or negative.
-    OddRadius,
-    /// A bright lamp 1e6 metres away.
-    FarPoint,
-    /// A position that is NaN.
-    NanPosition,
-    /// An infinite position.
-    InfinitePosition,
-    /// A lamp exactly on a surface.
-    OnTheSurface,
-    /// A cone with angles that are NaN.
-    NanCone,
-    /// An inner cone wider than the outer one.
-    InvertedCone,
-    /// A cone of zero width.
-    ZeroCone,
-    /// A cone of a full turn.
-    WideCone,
-    /// A spot light without a direction.
-    CollapsedSpot,
-    /// An illuminance that is NaN.
-    NanDirectional,
-    /// An infinite illuminance.
-    InfiniteDirectional,
-    /// A sun without a direction.
-    CollapsedDirectional,
-    /// A rectangle without area, and one with a width of NaN.
-    OddRectangles,
-    /// More lamps than shaders support.
-    ManyPoints,
-    /// More suns than Bevy supports.
-    ManyDirectional,
-    /// A lamp with shadows.
-    ShadowedPoint,
-    /// A spot light with shadows.
-    ShadowedSpot,
-    /// A sun with shadows.
-    ShadowedDirectional,
+kinds! {
+    LightKind, fn add_at(builder: &mut Builder, at: Transform) {
+        Lamp => point(builder, at, |_| {}),
+        NanPoint => point(builder, at, |lamp| lamp.intensity = NAN),
+        InfinitePoint => point(builder, at, |lamp| lamp.intensity = INFINITY),
+        HugePoint => point(builder, at, |lamp| lamp.intensity = 1e12),
+        NegativePoint => point(builder, at, |lamp| lamp.intensity = -LUMENS),
+        NanColor => point(builder, at, |lamp| lamp.color = Color::linear_rgb(NAN, 1.0, 1.0)),
+        ZeroRange => point(builder, at, |lamp| lamp.range = 0.0),
+        NanRange => point(builder, at, |lamp| lamp.range = NAN),
+        InfiniteRange => point(builder, at, |lamp| lamp.range = INFINITY),
+        OddRadius => point(builder, at, |lamp| lamp.radius = if at.translation.x > 0.0 { NAN } else { -5.0 }),
+        FarPoint => point(builder, Transform::from_xyz(0.0, 1e6, 0.0), |lamp| (lamp.intensity, lamp.range) = (1e13, 1e7)),
+        NanPosition => point(builder, Transform::from_translation(Vec3::NAN), |_| {}),
+        InfinitePosition => point(builder, Transform::from_translation(Vec3::INFINITY), |_| {}),
+        OnTheSurface => point(builder, Transform::from_xyz(0.3, 0.0, 1.0), |_| {}),
+        NanCone => spot(builder, at, NAN, NAN, |_, _| {}),
+        InvertedCone => spot(builder, at, 1.0, 0.3, |_, _| {}),
+        ZeroCone => spot(builder, at, 0.0, 0.0, |_, _| {}),
+        WideCone => spot(builder, at, FRAC_PI_2, PI, |_, _| {}),
+        CollapsedSpot => spot(builder, at, 0.2, 0.6, |_, place| place.scale = Vec3::ZERO),
+        NanDirectional => sun(builder, NAN, |_, _| {}),
+        InfiniteDirectional => sun(builder, INFINITY, |_, _| {}),
+        CollapsedDirectional => sun(builder, 2.0, |_, place| place.scale = Vec3::ZERO),
+        // Without area, or with a width of NaN.
+        OddRectangles => [(0.0, 1.0), (NAN, 1.0), (0.5, 0.5)].into_iter().for_each(|(width, height)| {
+            let light = RectLight { intensity: LUMENS, width, height, ..default() };
+            builder.add((light, at));
+        }),
+        // More than shaders support.
+        ManyPoints => (0..300).for_each(|index| {
+            let light = PointLight { intensity: 0.1, range: 4.0, ..default() };
+            let position = Vec3::new((index % 20) as f32, 4.0, (index / 20) as f32) * 0.3;
+            builder.add((light, Transform::from_translation(position - Vec3::new(3.0, 0.0, 2.0))));
+        }),
+        // More than Bevy supports.
+        ManyDirectional => (0..14).for_each(|index| sun(builder, 0.1, |_, place| {
+            *place = Transform::default().looking_to(Vec3::new(index as f32 - 7.0, -5.0, -2.0), Vec3::Y);
+        })),
+        ShadowedPoint => point(builder, at, |lamp| lamp.shadow_maps_enabled = true),
+        ShadowedSpot => spot(builder, at, 0.2, 0.6, |light, _| light.shadow_maps_enabled = true),
+        ShadowedDirectional => sun(builder, 2.0, |light, _| light.shadow_maps_enabled = true),
+    }
 }
 
-/// Adds such lights.
 pub fn add(kind: LightKind, builder: &mut Builder) {
-    let at = Transform::from_xyz(
-        builder.random.range(-1.0, 1.0),
-        builder.random.range(0.5, 2.0),
-        builder.random.range(-1.0, 5.0),
-    );
-    if let Some(light) = point(kind, at) {
-        builder.add(light);
-    } else if let Some(light) = spot(kind, at) {
-        builder.add(light);
-    } else if let Some(light) = directional(kind) {
-        builder.add(light);
-    } else {
-        several(kind, at, builder);
-    }
+    let random = &mut builder.scene.random;
+    let at = Transform::from_xyz(random.range(-1.0, 1.0), random.range(0.5, 2.0), random.range(-1.0, 5.0));
+    add_at(kind, builder, at);
 }
 
-/// Adds several lights at once.
-fn several(kind: LightKind, at: Transform, builder: &mut Builder) {
-    match kind {
-        LightKind::OddRectangles => {
-            for (width, height) in [(0.0, 1.0), (f32::NAN, 1.0), (0.5, 0.5)] {
-                let light = RectLight {
-                    intensity: LUMENS,
-                    width,
-                    height,
-                    ..default()
-                };
-                builder.add((light, at));
-            }
-        }
-        LightKind::ManyPoints => {
-            for index in 0..300 {
-                let light = PointLight {
-                    intensity: 0.1,
-                    range: 4.0,
-                    ..default()
-                };
-                let position = Vec3::new((index % 20) as f32, 4.0, (index / 20) as f32) * 0.3;
-                builder.add((light, Transform::from_translation(position - Vec3::new(3.0, 0.0, 2.0))));
-            }
-        }
-        LightKind::ManyDirectional => {
-            for index in 0..14 {
-                let light = DirectionalLight {
-                    illuminance: 0.1,
-                    ..default()
-                };
-                let towards = Vec3::new(index as f32 - 7.0, -5.0, -2.0);
-                builder.add((light, Transform::default().looking_to(towards, Vec3::Y)));
-            }
-        }
-        _ => {}
-    }
-}
-
-fn point(kind: LightKind, mut at: Transform) -> Option<(PointLight, Transform)> {
+fn point(builder: &mut Builder, at: Transform, change: impl FnOnce(&mut PointLight)) {
     let mut lamp = PointLight {
         intensity: LUMENS,
         range: 20.0,
         ..default()
     };
-    match kind {
-        LightKind::Lamp => {}
-        LightKind::NanPoint => lamp.intensity = f32::NAN,
-        LightKind::InfinitePoint => lamp.intensity = f32::INFINITY,
-        LightKind::HugePoint => lamp.intensity = 1e12,
-        LightKind::NegativePoint => lamp.intensity = -LUMENS,
-        LightKind::NanColor => lamp.color = Color::linear_rgb(f32::NAN, 1.0, 1.0),
-        LightKind::ZeroRange => lamp.range = 0.0,
-        LightKind::NanRange => lamp.range = f32::NAN,
-        LightKind::InfiniteRange => lamp.range = f32::INFINITY,
-        LightKind::OddRadius => lamp.radius = if at.translation.x > 0.0 { f32::NAN } else { -5.0 },
-        LightKind::FarPoint => {
-            (lamp.intensity, lamp.range) = (1e13, 1e7);
-            at = Transform::from_xyz(0.0, 1e6, 0.0);
-        }
-        LightKind::NanPosition => at.translation = Vec3::NAN,
-        LightKind::InfinitePosition => at.translation = Vec3::INFINITY,
-        LightKind::OnTheSurface => at = Transform::from_xyz(0.3, 0.0, 1.0),
-        LightKind::ShadowedPoint => lamp.shadow_maps_enabled = true,
-        _ => return None,
-    }
-    Some((lamp, at))
+    change(&mut lamp);
+    builder.add((lamp, at));
 }
 
-fn spot(kind: LightKind, at: Transform) -> Option<(SpotLight, Transform)> {
-    let down = Transform::from_translation(at.translation + Vec3::Y * 1.5).looking_to(Vec3::NEG_Y, Vec3::X);
-    let cone = |inner_angle: f32, outer_angle: f32| SpotLight {
+fn spot(
+    builder: &mut Builder,
+    at: Transform,
+    inner_angle: f32,
+    outer_angle: f32,
+    change: impl FnOnce(&mut SpotLight, &mut Transform),
+) {
+    let mut down = Transform::from_translation(at.translation + Vec3::Y * 1.5).looking_to(Vec3::NEG_Y, Vec3::X);
+    let mut light = SpotLight {
         intensity: LUMENS,
         inner_angle,
         outer_angle,
         ..default()
     };
-    Some(match kind {
-        LightKind::NanCone => (cone(f32::NAN, f32::NAN), down),
-        LightKind::InvertedCone => (cone(1.0, 0.3), down),
-        LightKind::ZeroCone => (cone(0.0, 0.0), down),
-        LightKind::WideCone => (cone(FRAC_PI_2, PI), down),
-        LightKind::CollapsedSpot => (cone(0.2, 0.6), down.with_scale(Vec3::ZERO)),
-        LightKind::ShadowedSpot => {
-            let mut shadowed = cone(0.2, 0.6);
-            shadowed.shadow_maps_enabled = true;
-            (shadowed, down)
-        }
-        _ => return None,
-    })
+    change(&mut light, &mut down);
+    builder.add((light, down));
 }
 
-fn directional(kind: LightKind) -> Option<(DirectionalLight, Transform)> {
-    let down = Transform::default().looking_to(Vec3::new(-0.3, -1.0, -0.4), Vec3::Y);
-    let sun = |illuminance: f32, shadow_maps_enabled: bool| DirectionalLight {
+fn sun(builder: &mut Builder, illuminance: f32, change: impl FnOnce(&mut DirectionalLight, &mut Transform)) {
+    let mut down = Transform::default().looking_to(Vec3::new(-0.3, -1.0, -0.4), Vec3::Y);
+    let mut light = DirectionalLight {
         illuminance,
-        shadow_maps_enabled,
         ..default()
     };
-    Some(match kind {
-        LightKind::NanDirectional => (sun(f32::NAN, false), down),
-        LightKind::InfiniteDirectional => (sun(f32::INFINITY, false), down),
-        LightKind::CollapsedDirectional => (sun(2.0, false), down.with_scale(Vec3::ZERO)),
-        LightKind::ShadowedDirectional => (sun(2.0, true), down),
-        _ => return None,
-    })
+    change(&mut light, &mut down);
+    builder.add((light, down));
 }

@@ -3,83 +3,70 @@
 use super::Builder;
 use bevy::{
     asset::RenderAssetUsages,
-    mesh::{Indices, PrimitiveTopology, VertexAttributeValues},
+    mesh::{Indices, MeshVertexAttribute, PrimitiveTopology, VertexAttributeValues},
     prelude::*,
 };
-use clap::ValueEnum;
 use glint_scenes::Random;
-use serde::{Deserialize, Serialize};
 
-/// Meshes that no modelling program writes.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum, Serialize, Deserialize)]
-pub enum MeshKind {
-    /// Some positions are NaN.
-    NanPositions,
-    /// Some positions are infinite.
-    InfinitePositions,
-    /// All positions are NaN.
-    OnlyNanPositions,
-    /// Coordinates of about 1e-6.
-    TinyCoordinates,
-    /// Coordinates of about 1e6.
-    HugeCoordinates,
-    /// Coordinates with squares that overflow.
-    OverflowingCoordinates,
-    /// Triangles with three equal corners.
-    Points,
-    /// Triangles with corners on a line.
-    ZeroArea,
-    /// Triangles that are long and extremely thin.
-    Needles,
-    /// Many triangles in one place.
-    Coplanar,
-    /// Normals that are NaN.
-    NanNormals,
-    /// Normals that are infinite.
-    InfiniteNormals,
-    /// Normals of length zero.
-    ZeroNormals,
-    /// Random normals.
-    RandomNormals,
-    /// UVs that are NaN.
-    NanUvs,
-    /// UVs of about 1e30.
-    HugeUvs,
-    /// Tangents that are NaN.
-    NanTangents,
-    /// Vertex colours that are NaN, infinite and negative.
-    OddColors,
-    /// No vertices.
-    Empty,
-    /// A single index.
-    OneIndex,
-    /// One vertex.
-    OneVertex,
-    /// Two vertices and two indices.
-    TwoVertices,
-    /// Indices beyond the last vertex.
-    OutOfRangeIndices,
-    /// A number of indices that isn't a multiple of three.
-    RaggedIndices,
-    /// A line list.
-    Lines,
-    /// A point list.
-    PointList,
-    /// A strip with restarts.
-    Strip,
-    /// Attributes with different numbers of values.
-    UnevenAttributes,
-    /// Only positions.
-    BarePositions,
-    /// Vertices that exist in the render world only.
-    RenderWorldOnly,
-    /// More triangles than pixels.
-    Dense,
+const NAN: f32 = f32::NAN;
+const INFINITY: f32 = f32::INFINITY;
+
+kinds! {
+    MeshKind, fn mesh(random: &mut Random, axis: usize) -> Mesh {
+        // Some of the positions.
+        NanPositions => some_moved(axis, |_| NAN),
+        InfinitePositions => some_moved(axis, |index| if index % 2 == 0 { INFINITY } else { -INFINITY }),
+        OnlyNanPositions => scaled(NAN),
+        TinyCoordinates => scaled(1e-6),
+        HugeCoordinates => scaled(1e6),
+        // Their squares overflow.
+        OverflowingCoordinates => scaled(1e30),
+        // Triangles with three equal corners, and with corners on a line.
+        Points => soup(vec![[0.1, 0.2, 0.3]; 12]),
+        ZeroArea => soup((0..30).map(|i| [0.05 * i as f32, 0.0, 0.0]).collect()),
+        Needles => soup(needles(random)),
+        // Many triangles in one place.
+        Coplanar => soup([[-0.5, -0.5, 0.0], [0.5, -0.5, 0.0], [0.0, 0.5, 0.0]].repeat(64)),
+        NanNormals => with_normals(|| [NAN; 3]),
+        InfiniteNormals => with_normals(|| [INFINITY, -INFINITY, 1.0]),
+        ZeroNormals => with_normals(|| [0.0; 3]),
+        RandomNormals => with_normals(|| core::array::from_fn(|_| random.range(-1.0, 1.0))),
+        NanUvs => with(Mesh::ATTRIBUTE_UV_0, |count| vec![[NAN, INFINITY]; count]),
+        HugeUvs => with(Mesh::ATTRIBUTE_UV_0, |count| vec![[1e30, -1e30]; count]),
+        NanTangents => with(Mesh::ATTRIBUTE_TANGENT, |count| vec![[NAN; 4]; count]),
+        OddColors => with(Mesh::ATTRIBUTE_COLOR, |count| {
+            let colors = [[NAN; 4], [INFINITY, -1.0, 0.5, 1.0], [7.0, 0.5, 0.0, -1.0]];
+            colors.into_iter().cycle().take(count).collect::<Vec<_>>()
+        }),
+        Empty => soup(Vec::new()),
+        OneIndex => cube().with_inserted_indices(Indices::U32(vec![0])),
+        OneVertex => soup(vec![[0.0; 3]]),
+        TwoVertices => soup(vec![[0.0; 3], [1.0; 3]]).with_inserted_indices(Indices::U32(vec![0, 1])),
+        OutOfRangeIndices => cube().with_inserted_indices(Indices::U32(vec![
+            0, 1, 2, 3, 4, 9_999_999, u32::MAX, 0, 1, 2, u32::MAX - 1, 5,
+        ])),
+        // Not a multiple of three.
+        RaggedIndices => cube().with_inserted_indices(Indices::U16(vec![0, 1, 2, 3, 4])),
+        Lines => other_topology(PrimitiveTopology::LineList),
+        PointList => other_topology(PrimitiveTopology::PointList),
+        // With restarts.
+        Strip => other_topology(PrimitiveTopology::TriangleStrip).with_inserted_indices(Indices::U16(vec![
+            0, 1, 2, 3, u16::MAX, 4, 5, 6, u16::MAX, u16::MAX, 7,
+        ])),
+        UnevenAttributes => with(Mesh::ATTRIBUTE_UV_0, |count| vec![[0.5, 0.5]; count / 2]),
+        BarePositions => cube()
+            .with_removed_attribute(Mesh::ATTRIBUTE_NORMAL)
+            .with_removed_attribute(Mesh::ATTRIBUTE_UV_0),
+        RenderWorldOnly => in_render_world(cube()),
+        // More triangles than pixels.
+        Dense => Sphere::new(0.4).mesh().uv(160, 100),
+    }
 }
 
-/// Adds an object of such a mesh.
 pub fn add(kind: MeshKind, builder: &mut Builder) {
-    let mesh = mesh(kind, &mut builder.random);
+    let random = &mut builder.scene.random;
+    let axis = random.below(3);
+    let mesh = mesh(kind, random, axis);
     let (material, transform) = (builder.plain(), builder.spot());
     builder.object(mesh, material, transform);
 }
@@ -109,82 +96,35 @@ fn moved(mut change: impl FnMut(usize, &mut [f32; 3])) -> Mesh {
     mesh
 }
 
-/// The cube with other normals.
-fn with_normals(normal: impl FnMut() -> [f32; 3]) -> Mesh {
-    let mut normals = Vec::new();
-    let mesh = cube();
-    normals.resize_with(mesh.count_vertices(), normal);
-    mesh.with_inserted_attribute(Mesh::ATTRIBUTE_NORMAL, normals)
+/// The cube with another coordinate in every fifth position.
+fn some_moved(axis: usize, coordinate: impl Fn(usize) -> f32) -> Mesh {
+    moved(|index, position| {
+        if index % 5 == 0 {
+            position[axis] = coordinate(index);
+        }
+    })
 }
 
-fn mesh(kind: MeshKind, random: &mut Random) -> Mesh {
-    const NAN: f32 = f32::NAN;
-    const INFINITY: f32 = f32::INFINITY;
-    let axis = random.below(3);
-    let count = cube().count_vertices();
-    match kind {
-        MeshKind::NanPositions => moved(|index, position| {
-            if index % 5 == 0 {
-                position[axis] = NAN;
-            }
-        }),
-        MeshKind::InfinitePositions => moved(|index, position| {
-            if index % 5 == 0 {
-                position[axis] = if index % 2 == 0 { INFINITY } else { -INFINITY };
-            }
-        }),
-        MeshKind::OnlyNanPositions => moved(|_, position| *position = [NAN; 3]),
-        MeshKind::TinyCoordinates => moved(|_, position| *position = position.map(|x| x * 1e-6)),
-        MeshKind::HugeCoordinates => moved(|_, position| *position = position.map(|x| x * 1e6)),
-        MeshKind::OverflowingCoordinates => moved(|_, position| *position = position.map(|x| x * 1e30)),
-        MeshKind::Points => soup(vec![[0.1, 0.2, 0.3]; 12]),
-        MeshKind::ZeroArea => soup((0..30).map(|i| [0.05 * i as f32, 0.0, 0.0]).collect()),
-        MeshKind::Needles => soup(needles(random)),
-        MeshKind::Coplanar => {
-            let corners = [[-0.5, -0.5, 0.0], [0.5, -0.5, 0.0], [0.0, 0.5, 0.0]];
-            soup(corners.into_iter().cycle().take(3 * 64).collect())
-        }
-        MeshKind::NanNormals => with_normals(|| [NAN; 3]),
-        MeshKind::InfiniteNormals => with_normals(|| [INFINITY, -INFINITY, 1.0]),
-        MeshKind::ZeroNormals => with_normals(|| [0.0; 3]),
-        MeshKind::RandomNormals => with_normals(|| core::array::from_fn(|_| random.range(-1.0, 1.0))),
-        MeshKind::NanUvs => cube().with_inserted_attribute(Mesh::ATTRIBUTE_UV_0, vec![[NAN, INFINITY]; count]),
-        MeshKind::HugeUvs => cube().with_inserted_attribute(Mesh::ATTRIBUTE_UV_0, vec![[1e30, -1e30]; count]),
-        MeshKind::NanTangents => cube().with_inserted_attribute(Mesh::ATTRIBUTE_TANGENT, vec![[NAN; 4]; count]),
-        MeshKind::OddColors => {
-            let colors = [[NAN; 4], [INFINITY, -1.0, 0.5, 1.0], [7.0, 0.5, 0.0, -1.0]];
-            let colors: Vec<[f32; 4]> = colors.into_iter().cycle().take(count).collect();
-            cube().with_inserted_attribute(Mesh::ATTRIBUTE_COLOR, colors)
-        }
-        MeshKind::Empty => soup(Vec::new()),
-        MeshKind::OneIndex => cube().with_inserted_indices(Indices::U32(vec![0])),
-        MeshKind::OneVertex => soup(vec![[0.0; 3]]),
-        MeshKind::TwoVertices => soup(vec![[0.0; 3], [1.0; 3]]).with_inserted_indices(Indices::U32(vec![0, 1])),
-        MeshKind::OutOfRangeIndices => {
-            let indices = vec![0, 1, 2, 3, 4, 9_999_999, u32::MAX, 0, 1, 2, u32::MAX - 1, 5];
-            cube().with_inserted_indices(Indices::U32(indices))
-        }
-        MeshKind::RaggedIndices => cube().with_inserted_indices(Indices::U16(vec![0, 1, 2, 3, 4])),
-        MeshKind::Lines => other_topology(PrimitiveTopology::LineList),
-        MeshKind::PointList => other_topology(PrimitiveTopology::PointList),
-        MeshKind::Strip => {
-            let indices = vec![0, 1, 2, 3, u16::MAX, 4, 5, 6, u16::MAX, u16::MAX, 7];
-            other_topology(PrimitiveTopology::TriangleStrip).with_inserted_indices(Indices::U16(indices))
-        }
-        MeshKind::UnevenAttributes => {
-            let uvs = vec![[0.5, 0.5]; count / 2];
-            cube().with_inserted_attribute(Mesh::ATTRIBUTE_UV_0, uvs)
-        }
-        MeshKind::BarePositions => cube()
-            .with_removed_attribute(Mesh::ATTRIBUTE_NORMAL)
-            .with_removed_attribute(Mesh::ATTRIBUTE_UV_0),
-        MeshKind::RenderWorldOnly => {
-            let mut mesh = cube();
-            mesh.asset_usage = RenderAssetUsages::RENDER_WORLD;
-            mesh
-        }
-        MeshKind::Dense => Sphere::new(0.4).mesh().uv(160, 100),
-    }
+fn scaled(scale: f32) -> Mesh {
+    moved(|_, position| *position = position.map(|coordinate| coordinate * scale))
+}
+
+/// The cube with another attribute. `values` gets the number of its vertices.
+fn with<V: Into<VertexAttributeValues>>(attribute: MeshVertexAttribute, values: impl FnOnce(usize) -> V) -> Mesh {
+    let cube = cube();
+    let values = values(cube.count_vertices());
+    cube.with_inserted_attribute(attribute, values)
+}
+
+fn in_render_world(mut mesh: Mesh) -> Mesh {
+    mesh.asset_usage = RenderAssetUsages::RENDER_WORLD;
+    mesh
+}
+
+fn with_normals(mut normal: impl FnMut() -> [f32; 3]) -> Mesh {
+    with(Mesh::ATTRIBUTE_NORMAL, |count| {
+        (0..count).map(|_| normal()).collect::<Vec<_>>()
+    })
 }
 
 fn needles(random: &mut Random) -> Vec<[f32; 3]> {

@@ -20,14 +20,6 @@ pub use builder::{Builder, HostileScene};
 pub use cameras::CameraSetup;
 pub use events::EventKind;
 pub use files::{FileKind, bytes as file_bytes};
-pub use lights::LightKind;
-pub use materials::MaterialKind;
-pub use meshes::MeshKind;
-pub use placements::PlacementKind;
-pub use settings::SettingsKind;
-pub use surroundings::SurroundingsKind;
-pub use textures::TextureKind;
-pub use views::ViewKind;
 
 use crate::word::word;
 use clap::ValueEnum;
@@ -35,14 +27,13 @@ use serde::{Deserialize, Serialize};
 
 /// Declares the enum of all generators. Each variant has a kind and the function that adds it to a scene.
 macro_rules! generators {
-    ($($(#[$doc:meta])* $variant:ident($kind:ty) = $add:path;)+) => {
+    ($($variant:ident($kind:ty) = $add:path;)+) => {
         /// Adds one ingredient to a scene.
         #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-        pub enum Generator { $($(#[$doc])* $variant($kind)),+ }
+        pub enum Generator { $($variant($kind)),+ }
 
         impl Generator {
             /// All generators, grouped by variant.
-            #[must_use]
             pub fn all() -> Vec<Self> {
                 let mut all = Vec::new();
                 $(all.extend(<$kind>::value_variants().iter().copied().map(Self::$variant));)+
@@ -50,19 +41,16 @@ macro_rules! generators {
             }
 
             /// The kind of the ingredient, such as `Mesh`.
-            #[must_use]
             pub fn kind(self) -> &'static str {
                 match self { $(Self::$variant(_) => stringify!($variant)),+ }
             }
 
             /// The word for command lines, such as `mesh-nan-positions`.
-            #[must_use]
             pub fn name(self) -> String {
                 let (variant, kind) = match self { $(Self::$variant(kind) => (stringify!($variant), word(&kind))),+ };
                 format!("{}-{kind}", variant.to_ascii_lowercase())
             }
 
-            /// Adds to the scene of a builder.
             pub fn add(self, builder: &mut Builder) {
                 match self { $(Self::$variant(kind) => $add(kind, builder)),+ }
             }
@@ -71,46 +59,34 @@ macro_rules! generators {
 }
 
 generators! {
-    /// An object with an odd mesh.
-    Mesh(MeshKind) = meshes::add;
-    /// Objects in odd places or numbers.
-    Placement(PlacementKind) = placements::add;
-    /// Objects with an odd material.
-    Material(MaterialKind) = materials::add;
-    /// Objects with odd textures.
-    Texture(TextureKind) = textures::add;
-    /// The contents of a glTF file.
+    Mesh(meshes::MeshKind) = meshes::add;
+    Placement(placements::PlacementKind) = placements::add;
+    Material(materials::MaterialKind) = materials::add;
+    Texture(textures::TextureKind) = textures::add;
     File(FileKind) = files::add;
-    /// An odd light.
-    Light(LightKind) = lights::add;
-    /// An odd environment.
-    Surroundings(SurroundingsKind) = surroundings::add;
-    /// An odd camera.
-    View(ViewKind) = views::add;
-    /// Odd settings.
-    Settings(SettingsKind) = settings::add;
-    /// An event between frames.
+    Light(lights::LightKind) = lights::add;
+    Surroundings(surroundings::SurroundingsKind) = surroundings::add;
+    View(views::ViewKind) = views::add;
+    Settings(settings::SettingsKind) = settings::add;
     Event(EventKind) = add_event;
 }
 
 fn add_event(kind: EventKind, builder: &mut Builder) {
-    builder.events.push(kind);
+    builder.scene.events.push(kind);
 }
 
 impl Generator {
     /// Returns whether it takes very much memory or time.
-    #[must_use]
     pub fn is_heavy(self) -> bool {
         matches!(
             self,
-            Self::Placement(PlacementKind::HundredThousand)
-                | Self::Texture(TextureKind::SixteenThousand)
-                | Self::View(ViewKind::EightThousand)
+            Self::Placement(placements::PlacementKind::HundredThousand)
+                | Self::Texture(textures::TextureKind::SixteenThousand)
+                | Self::View(views::ViewKind::EightThousand)
         )
     }
 
     /// Returns whether the image can be brighter than the white sky with it.
-    #[must_use]
     pub fn adds_light(self) -> bool {
         !matches!(
             self,
@@ -118,8 +94,6 @@ impl Generator {
         )
     }
 
-    /// The generator with this name.
-    #[must_use]
     pub fn named(name: &str) -> Option<Self> {
         Self::all().into_iter().find(|generator| generator.name() == name)
     }
@@ -131,7 +105,7 @@ mod tests {
 
     #[test]
     fn generators_have_names() {
-        let needles = Generator::Mesh(MeshKind::Needles);
+        let needles = Generator::Mesh(meshes::MeshKind::Needles);
         assert_eq!(needles.name(), "mesh-needles");
         assert_eq!(Generator::named("mesh-needles"), Some(needles));
         assert_eq!(Generator::named("mesh"), None);

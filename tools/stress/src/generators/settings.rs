@@ -3,131 +3,83 @@
 use super::Builder;
 use bevy::{prelude::*, render::render_resource::TextureFormat};
 use bevy_glint::{
-    CombinedThresholds, GrazingThresholds, ReflectionBackend, ReflectionDebugSplit, ReflectionDebugView,
+    CombinedThresholds, GrazingThresholds, ReflectionBackend, ReflectionDebugSplit, ReflectionDebugView as DebugView,
     ReflectionDenoiser, ReflectionPreset, ReflectionSampling, ReflectionTechnique, ReflectionTextureMip,
     RoughnessThresholds, ScreenTraces, ShadingRate, ShadingRateHeuristic, ShadingRateTileSize,
 };
-use clap::ValueEnum;
-use serde::{Deserialize, Serialize};
 
-/// Settings of the reflections.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum, Serialize, Deserialize)]
-pub enum SettingsKind {
-    /// One ray for each pixel.
-    Reference,
-    /// One ray for each quad.
-    Quarter,
-    /// One ray for each quad, in a fragment pass.
-    QuarterInline,
-    /// Accumulation over all frames.
-    Converged,
-    /// The paper's recipe.
-    Paper,
-    /// The cheapest preset.
-    Low,
-    /// The most expensive preset.
-    Ultra,
-    /// The hardware back end, which falls back if it is unavailable.
-    Hardware,
-    /// No filter.
-    NoDenoiser,
-    /// No history.
-    NoHistory,
-    /// No full-resolution rays for mirrors.
-    NoMirrors,
-    /// The paper's sampling sequence.
-    Halton,
-    /// Light of hits from the last frame.
-    ScreenTraces,
-    /// Surfaces from the last frame.
-    ScreenMarch,
-    /// NaN in every number.
-    NanNumbers,
-    /// Zero in every number.
-    Zeros,
-    /// A negative value in every number.
-    Negative,
-    /// Infinity in every number.
-    Infinite,
-    /// A random uniform rate.
-    UniformRate,
-    /// The coarsest uniform rate.
-    CoarsestRate,
-    /// The coarsest rates of a heuristic.
-    CoarseCombined,
-    /// Thresholds that are NaN.
-    NanThresholds,
-    /// Thresholds out of range.
-    WildThresholds,
-    /// Small tiles.
-    SmallTiles,
-    /// A rate image with unknown codes.
-    RateImage,
-    /// A rate image of the wrong format.
-    WrongRateImage,
-    /// A rate image that never loads.
-    AbsentRateImage,
-    /// Counters of values that are not finite.
-    Counters,
-    /// A random debug view.
-    ReflectionDebugView,
-    /// Two random debug views, divided at NaN.
-    DividedView,
+const NAN: f32 = f32::NAN;
+
+kinds! {
+    SettingsKind, pub fn add(builder: &mut Builder) {
+        Reference => builder.reflections().technique = ReflectionTechnique::Reference,
+        Quarter => builder.reflections().technique = ReflectionTechnique::Quarter,
+        QuarterInline => if builder.harness.has_inline_rays() {
+            builder.reflections().technique = ReflectionTechnique::QuarterInline;
+        },
+        Converged => builder.reflections().technique = ReflectionTechnique::Converged,
+        Paper => preset(ReflectionPreset::Paper, builder),
+        Low => preset(ReflectionPreset::Low, builder),
+        Ultra => preset(ReflectionPreset::Ultra, builder),
+        // Falls back if it is unavailable.
+        Hardware => builder.reflections().backend = ReflectionBackend::HardwareVrs,
+        NoDenoiser => builder.reflections().denoiser = ReflectionDenoiser::OFF,
+        NoHistory => builder.reflections().denoiser.temporal = false,
+        NoMirrors => builder.reflections().full_resolution_mirrors = false,
+        Halton => builder.reflections().sampling = ReflectionSampling::Halton,
+        ScreenTraces => builder.reflections().screen_traces = ScreenTraces::Reuse,
+        ScreenMarch => builder.reflections().screen_traces = ScreenTraces::March,
+        NanNumbers => numbers(builder, NAN, 0),
+        Zeros => numbers(builder, 0.0, 0),
+        Negative => numbers(builder, -1e9, 1),
+        Infinite => numbers(builder, f32::INFINITY, u32::MAX),
+        UniformRate => rates(ShadingRateHeuristic::Uniform(builder.scene.random.pick(&ShadingRate::ALL)), builder),
+        CoarsestRate => rates(ShadingRateHeuristic::Uniform(ShadingRate::R4x4), builder),
+        CoarseCombined => rates(ShadingRateHeuristic::Combined(CombinedThresholds {
+            coarsest: ShadingRate::R4x4,
+            half: 0.0,
+            quarter: 0.0,
+            eighth: 0.1,
+            min_roughness: None,
+            ..default()
+        }), builder),
+        NanThresholds => rates(nan_thresholds(builder), builder),
+        WildThresholds => rates(ShadingRateHeuristic::Combined(CombinedThresholds {
+            half: -1e9,
+            quarter: f32::INFINITY,
+            eighth: -0.0,
+            min_roughness: Some(-1.0),
+            visibility_threshold: 1e9,
+            edge: f32::INFINITY,
+            coarsest: ShadingRate::R4x2,
+        }), builder),
+        SmallTiles => builder.scene.camera.tile_size = ShadingRateTileSize::Tiles8,
+        // With unknown codes.
+        RateImage => rate_image(builder, UVec2::new(3, 2), &[0, 5, 255, 7, 10, 3], TextureFormat::R8Uint),
+        WrongRateImage => rate_image(builder, UVec2::ONE, &[1, 2, 3, 4], TextureFormat::Rgba8Unorm),
+        AbsentRateImage => rates(ShadingRateHeuristic::Image(builder.absent_image()), builder),
+        Counters => builder.scene.camera.counters = true,
+        ReflectionDebugView => builder.scene.camera.view = random_view(builder),
+        // Two views, divided at NaN.
+        DividedView => {
+            builder.scene.camera.view = random_view(builder);
+            let left = random_view(builder);
+            builder.scene.camera.split = Some(ReflectionDebugSplit { position: NAN, left });
+        },
+    }
 }
 
-/// Changes the settings.
-pub fn add(kind: SettingsKind, builder: &mut Builder) {
-    let has_inline_rays = builder.harness.has_inline_rays();
-    if numbers(kind, builder) || rates(kind, builder) {
-        return;
-    }
-    match kind {
-        SettingsKind::Paper => preset(ReflectionPreset::Paper, builder),
-        SettingsKind::Low => preset(ReflectionPreset::Low, builder),
-        SettingsKind::Ultra => preset(ReflectionPreset::Ultra, builder),
-        SettingsKind::Counters => builder.camera.counters = true,
-        SettingsKind::ReflectionDebugView => builder.camera.view = builder.random.pick(&ReflectionDebugView::ALL),
-        SettingsKind::DividedView => {
-            builder.camera.view = builder.random.pick(&ReflectionDebugView::ALL);
-            builder.camera.split = Some(ReflectionDebugSplit {
-                position: f32::NAN,
-                left: builder.random.pick(&ReflectionDebugView::ALL),
-            });
-        }
-        _ => {}
-    }
-    let reflections = builder.reflections();
-    match kind {
-        SettingsKind::Reference => reflections.technique = ReflectionTechnique::Reference,
-        SettingsKind::Quarter => reflections.technique = ReflectionTechnique::Quarter,
-        SettingsKind::QuarterInline if has_inline_rays => reflections.technique = ReflectionTechnique::QuarterInline,
-        SettingsKind::Converged => reflections.technique = ReflectionTechnique::Converged,
-        SettingsKind::Hardware => reflections.backend = ReflectionBackend::HardwareVrs,
-        SettingsKind::NoDenoiser => reflections.denoiser = ReflectionDenoiser::OFF,
-        SettingsKind::NoHistory => reflections.denoiser.temporal = false,
-        SettingsKind::NoMirrors => reflections.full_resolution_mirrors = false,
-        SettingsKind::Halton => reflections.sampling = ReflectionSampling::Halton,
-        SettingsKind::ScreenTraces => reflections.screen_traces = ScreenTraces::Reuse,
-        SettingsKind::ScreenMarch => reflections.screen_traces = ScreenTraces::March,
-        _ => {}
-    }
+fn random_view(builder: &mut Builder) -> DebugView {
+    builder.scene.random.pick(&DebugView::ALL)
 }
 
 fn preset(preset: ReflectionPreset, builder: &mut Builder) {
     let (reflections, heuristic) = preset.settings();
-    builder.camera.reflections = Some(reflections);
-    builder.camera.heuristic = heuristic;
+    (builder.scene.camera.reflections, builder.scene.camera.heuristic) = (Some(reflections), heuristic);
 }
 
-/// Sets every number to one value; false for other kinds.
-fn numbers(kind: SettingsKind, builder: &mut Builder) -> bool {
-    let (value, samples) = match kind {
-        SettingsKind::NanNumbers => (f32::NAN, 0),
-        SettingsKind::Zeros => (0.0, 0),
-        SettingsKind::Negative => (-1e9, 1),
-        SettingsKind::Infinite => (f32::INFINITY, u32::MAX),
-        _ => return false,
-    };
+/// Sets every number to one value.
+fn numbers(builder: &mut Builder, value: f32, samples: u32) {
     let reflections = builder.reflections();
     reflections.roughness_cutoff = value;
     reflections.roughness_fade = value;
@@ -142,72 +94,40 @@ fn numbers(kind: SettingsKind, builder: &mut Builder) -> bool {
         blur_radius: value,
         ..default()
     };
-    true
 }
 
-/// Changes rates; false for other kinds.
-fn rates(kind: SettingsKind, builder: &mut Builder) -> bool {
-    let nan = f32::NAN;
-    let heuristic = match kind {
-        SettingsKind::UniformRate => ShadingRateHeuristic::Uniform(builder.random.pick(&ShadingRate::ALL)),
-        SettingsKind::CoarsestRate => ShadingRateHeuristic::Uniform(ShadingRate::R4x4),
-        SettingsKind::CoarseCombined => ShadingRateHeuristic::Combined(CombinedThresholds {
-            coarsest: ShadingRate::R4x4,
-            half: 0.0,
-            quarter: 0.0,
-            eighth: 0.1,
-            min_roughness: None,
-            ..default()
-        }),
-        SettingsKind::NanThresholds => match builder.random.below(3) {
-            0 => ShadingRateHeuristic::Roughness(RoughnessThresholds {
-                half: nan,
-                quarter: nan,
-                min_roughness: Some(nan),
-            }),
-            1 => ShadingRateHeuristic::Grazing(GrazingThresholds {
-                half: nan,
-                quarter: nan,
-                min_roughness: Some(nan),
-            }),
-            _ => ShadingRateHeuristic::Combined(CombinedThresholds {
-                half: nan,
-                quarter: nan,
-                eighth: nan,
-                min_roughness: Some(nan),
-                visibility_threshold: nan,
-                edge: nan,
-                coarsest: ShadingRate::R2x4,
-            }),
-        },
-        SettingsKind::WildThresholds => ShadingRateHeuristic::Combined(CombinedThresholds {
-            half: -1e9,
-            quarter: f32::INFINITY,
-            eighth: -0.0,
-            min_roughness: Some(-1.0),
-            visibility_threshold: 1e9,
-            edge: f32::INFINITY,
-            coarsest: ShadingRate::R4x2,
-        }),
-        SettingsKind::SmallTiles => {
-            builder.camera.tile_size = ShadingRateTileSize::Tiles8;
-            return true;
-        }
-        SettingsKind::RateImage => {
-            let codes = builder.plain_image(UVec2::new(3, 2), &[0, 5, 255, 7, 10, 3], TextureFormat::R8Uint);
-            ShadingRateHeuristic::Image(codes)
-        }
-        SettingsKind::WrongRateImage => {
-            let image = builder.plain_image(UVec2::ONE, &[1, 2, 3, 4], TextureFormat::Rgba8Unorm);
-            ShadingRateHeuristic::Image(image)
-        }
-        SettingsKind::AbsentRateImage => {
-            let image = builder.world().resource::<Assets<Image>>().reserve_handle();
-            ShadingRateHeuristic::Image(image)
-        }
-        _ => return false,
-    };
-    builder.camera.heuristic = heuristic;
+/// Has the variable path use a heuristic.
+fn rates(heuristic: ShadingRateHeuristic, builder: &mut Builder) {
+    builder.scene.camera.heuristic = heuristic;
     builder.reflections().technique = ReflectionTechnique::Variable;
-    true
+}
+
+fn rate_image(builder: &mut Builder, size: UVec2, texels: &[u8], format: TextureFormat) {
+    let image = builder.plain_image(size, texels, format);
+    rates(ShadingRateHeuristic::Image(image), builder);
+}
+
+/// Thresholds of a random heuristic.
+fn nan_thresholds(builder: &mut Builder) -> ShadingRateHeuristic {
+    match builder.scene.random.below(3) {
+        0 => ShadingRateHeuristic::Roughness(RoughnessThresholds {
+            half: NAN,
+            quarter: NAN,
+            min_roughness: Some(NAN),
+        }),
+        1 => ShadingRateHeuristic::Grazing(GrazingThresholds {
+            half: NAN,
+            quarter: NAN,
+            min_roughness: Some(NAN),
+        }),
+        _ => ShadingRateHeuristic::Combined(CombinedThresholds {
+            half: NAN,
+            quarter: NAN,
+            eighth: NAN,
+            min_roughness: Some(NAN),
+            visibility_threshold: NAN,
+            edge: NAN,
+            coarsest: ShadingRate::R2x4,
+        }),
+    }
 }

@@ -7,104 +7,77 @@ use bevy::{
     prelude::*,
     render::render_resource::{TextureDimension, TextureFormat},
 };
-use clap::ValueEnum;
-use serde::{Deserialize, Serialize};
 
 /// More textures than array layers on a device without binding arrays.
 const MANY: u32 = 300;
 
-/// Textures.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum, Serialize, Deserialize)]
-pub enum TextureKind {
-    /// A file that doesn't exist.
-    Missing,
-    /// An image that never loads.
-    NeverLoads,
-    /// One texel.
-    OneTexel,
-    /// Sides that are not powers of two.
-    OddSize,
-    /// 2048 texels wide and one texel high.
-    Ribbon,
-    /// One channel.
-    OneChannel,
-    /// A normal map with two channels.
-    TwoChannels,
-    /// Half floats that are NaN and infinite, as base colour.
-    NanTexels,
-    /// The same texture, as emission.
-    NanEmission,
-    /// Normals of length zero.
-    ZeroNormals,
-    /// All address and filter modes.
-    Samplers,
-    /// A texture in every slot of a material.
-    EverySlot,
-    /// More textures than a device without binding arrays supports.
-    Many,
-    /// One texture in many materials.
-    Shared,
-    /// 16,384 texels along each side.
-    SixteenThousand,
+const SRGB: TextureFormat = TextureFormat::Rgba8UnormSrgb;
+
+kinds! {
+    TextureKind, pub fn add(builder: &mut Builder) {
+        // A file that doesn't exist.
+        Missing => {
+            let image = builder.world().resource::<AssetServer>().load("stress/there_is_no_such_file.png");
+            spawn_colored(image, builder);
+        },
+        NeverLoads => spawn_colored(builder.absent_image(), builder),
+        OneTexel => spawn_colored(builder.plain_image(UVec2::ONE, &[90, 200, 30, 255], SRGB), builder),
+        // Not powers of two.
+        OddSize => {
+            let image = builder.plain_image(UVec2::new(3, 5), &[200, 20, 30, 128], SRGB);
+            spawn(builder, StandardMaterial { alpha_mode: AlphaMode::Mask(0.5), ..colored(image) });
+        },
+        Ribbon => spawn_colored(builder.plain_image(UVec2::new(2048, 1), &[20, 20, 230, 255], SRGB), builder),
+        OneChannel => spawn_colored(builder.plain_image(UVec2::splat(4), &[128], TextureFormat::R8Unorm), builder),
+        TwoChannels => spawn_with_normals(builder, 4, &[0, 255], TextureFormat::Rg8Unorm),
+        // Half floats that are NaN and infinite.
+        NanTexels => {
+            let [color, metal] = [wild(builder), wild(builder)];
+            spawn(builder, StandardMaterial { metallic_roughness_texture: Some(metal), ..colored(color) });
+        },
+        NanEmission => {
+            let emissive_texture = Some(wild(builder));
+            spawn(builder, StandardMaterial { emissive: LinearRgba::WHITE, emissive_texture, ..plain() });
+        },
+        // Normals of length zero.
+        ZeroNormals => spawn_with_normals(builder, 2, &[128, 128, 128, 255], TextureFormat::Rgba8Unorm),
+        // All address and filter modes.
+        Samplers => samplers(builder),
+        EverySlot => every_slot(builder),
+        Many => many(builder),
+        // By many materials.
+        Shared => shared(builder),
+        SixteenThousand => large(builder),
+    }
 }
 
-/// Adds objects with such textures.
-pub fn add(kind: TextureKind, builder: &mut Builder) {
-    let mut material = StandardMaterial {
-        base_color: Color::WHITE,
+fn plain() -> StandardMaterial {
+    StandardMaterial {
         perceptual_roughness: 0.4,
         ..default()
-    };
-    let format = TextureFormat::Rgba8UnormSrgb;
-    match kind {
-        TextureKind::Missing => {
-            let server = builder.world().resource::<AssetServer>();
-            material.base_color_texture = Some(server.load("stress/there_is_no_such_file.png"));
-        }
-        TextureKind::NeverLoads => {
-            let images = builder.world().resource::<Assets<Image>>();
-            material.base_color_texture = Some(images.reserve_handle());
-        }
-        TextureKind::OneTexel => {
-            material.base_color_texture = Some(builder.plain_image(UVec2::ONE, &[90, 200, 30, 255], format));
-        }
-        TextureKind::OddSize => {
-            material.base_color_texture = Some(builder.plain_image(UVec2::new(3, 5), &[200, 20, 30, 128], format));
-            material.alpha_mode = AlphaMode::Mask(0.5);
-        }
-        TextureKind::Ribbon => {
-            material.base_color_texture = Some(builder.plain_image(UVec2::new(2048, 1), &[20, 20, 230, 255], format));
-        }
-        TextureKind::OneChannel => {
-            let image = builder.plain_image(UVec2::splat(4), &[128], TextureFormat::R8Unorm);
-            material.base_color_texture = Some(image);
-        }
-        TextureKind::TwoChannels => {
-            let image = builder.plain_image(UVec2::splat(4), &[0, 255], TextureFormat::Rg8Unorm);
-            material.normal_map_texture = Some(image);
-        }
-        TextureKind::ZeroNormals => {
-            let image = builder.plain_image(UVec2::splat(2), &[128, 128, 128, 255], TextureFormat::Rgba8Unorm);
-            material.normal_map_texture = Some(image);
-        }
-        TextureKind::NanTexels => {
-            material.base_color_texture = Some(wild(builder));
-            material.metallic_roughness_texture = Some(wild(builder));
-        }
-        TextureKind::NanEmission => {
-            material.emissive = LinearRgba::WHITE;
-            material.emissive_texture = Some(wild(builder));
-        }
-        TextureKind::EverySlot => fill_every_slot(builder, &mut material),
-        TextureKind::SixteenThousand => match large(builder) {
-            Some(image) => material.base_color_texture = Some(image),
-            None => return,
-        },
-        TextureKind::Many => return many(builder),
-        TextureKind::Samplers => return samplers(builder),
-        TextureKind::Shared => return shared(builder),
     }
-    spawn(builder, material);
+}
+
+fn colored(image: Handle<Image>) -> StandardMaterial {
+    StandardMaterial {
+        base_color_texture: Some(image),
+        ..plain()
+    }
+}
+
+fn spawn_colored(image: Handle<Image>, builder: &mut Builder) {
+    spawn(builder, colored(image));
+}
+
+fn spawn_with_normals(builder: &mut Builder, side: u32, texel: &[u8], format: TextureFormat) {
+    let normals = builder.plain_image(UVec2::splat(side), texel, format);
+    spawn(
+        builder,
+        StandardMaterial {
+            normal_map_texture: Some(normals),
+            ..plain()
+        },
+    );
 }
 
 /// Spawns a box with tangents in view, and another behind the camera.
@@ -114,7 +87,7 @@ fn spawn(builder: &mut Builder, material: StandardMaterial) {
     let cube = cube.with_inserted_attribute(Mesh::ATTRIBUTE_TANGENT, tangents);
     let seen = builder.spot();
     builder.object(cube.clone(), material.clone(), seen);
-    let behind = Transform::from_xyz(builder.random.range(-1.5, 1.5), 0.6, 5.0).with_scale(Vec3::splat(2.0));
+    let behind = Transform::from_xyz(builder.scene.random.range(-1.5, 1.5), 0.6, 5.0).with_scale(Vec3::splat(2.0));
     builder.object(cube, material, behind);
 }
 
@@ -135,23 +108,27 @@ fn wild(builder: &mut Builder) -> Handle<Image> {
     ))
 }
 
-fn fill_every_slot(builder: &mut Builder, material: &mut StandardMaterial) {
+fn every_slot(builder: &mut Builder) {
     let mut image = |texel: [u8; 4]| Some(builder.plain_image(UVec2::ONE, &texel, TextureFormat::Rgba8Unorm));
-    material.base_color_texture = image([200, 100, 50, 255]);
-    material.emissive = LinearRgba::rgb(0.1, 0.1, 0.1);
-    material.emissive_texture = image([255, 255, 255, 255]);
-    material.metallic_roughness_texture = image([0, 90, 255, 255]);
-    material.normal_map_texture = image([140, 120, 250, 255]);
-    material.occlusion_texture = image([40, 0, 0, 255]);
-    material.depth_map = image([10, 0, 0, 255]);
+    let material = StandardMaterial {
+        base_color_texture: image([200, 100, 50, 255]),
+        emissive: LinearRgba::rgb(0.1, 0.1, 0.1),
+        emissive_texture: image([255, 255, 255, 255]),
+        metallic_roughness_texture: image([0, 90, 255, 255]),
+        normal_map_texture: image([140, 120, 250, 255]),
+        occlusion_texture: image([40, 0, 0, 255]),
+        depth_map: image([10, 0, 0, 255]),
+        ..plain()
+    };
+    spawn(builder, material);
 }
 
 fn many(builder: &mut Builder) {
-    let mesh = builder.mesh(Cuboid::from_length(0.05));
+    let mesh = builder.asset::<Mesh>(Cuboid::from_length(0.05));
     for index in 0..MANY {
         let texel = [(index * 7) as u8, (index * 31) as u8, 128, 255];
-        let image = builder.plain_image(UVec2::ONE, &texel, TextureFormat::Rgba8UnormSrgb);
-        let material = builder.material(StandardMaterial {
+        let image = builder.plain_image(UVec2::ONE, &texel, SRGB);
+        let material = builder.asset::<StandardMaterial>(StandardMaterial {
             base_color_texture: Some(image),
             ..default()
         });
@@ -174,7 +151,7 @@ fn samplers(builder: &mut Builder) {
         for filter in [ImageFilterMode::Nearest, ImageFilterMode::Linear] {
             let extent = UVec2::splat(2).to_extents();
             let texels = [10, 220, 30, 255, 250, 20, 30, 255].repeat(2);
-            let (format, usage) = (TextureFormat::Rgba8UnormSrgb, RenderAssetUsages::default());
+            let (format, usage) = (SRGB, RenderAssetUsages::default());
             let mut image = Image::new(extent, TextureDimension::D2, texels, format, usage);
             image.sampler = ImageSampler::Descriptor(ImageSamplerDescriptor {
                 address_mode_u: mode,
@@ -198,7 +175,7 @@ fn samplers(builder: &mut Builder) {
 }
 
 fn shared(builder: &mut Builder) {
-    let image = builder.plain_image(UVec2::splat(8), &[200, 180, 40, 255], TextureFormat::Rgba8UnormSrgb);
+    let image = builder.plain_image(UVec2::splat(8), &[200, 180, 40, 255], SRGB);
     for _ in 0..12 {
         let material = StandardMaterial {
             base_color_texture: Some(image.clone()),
@@ -210,20 +187,19 @@ fn shared(builder: &mut Builder) {
 }
 
 /// The largest image, if the device supports it. On the CPU a texel has one byte.
-fn large(builder: &mut Builder) -> Option<Handle<Image>> {
+fn large(builder: &mut Builder) {
     const SIDE: u32 = 16_384;
-    if builder.harness.limits().max_texture_dimension_2d < SIDE {
-        return None;
+    let device = builder.harness.device();
+    if device.is_none_or(|device| device.limits().max_texture_dimension_2d < SIDE) {
+        return;
     }
-    let is_cpu = builder.harness.is_cpu();
-    let texel: &[u8] = if is_cpu { &[77] } else { &[77, 180, 77, 255] };
-    let format = if is_cpu {
-        TextureFormat::R8Unorm
+    let (texel, format): (&[u8], _) = if builder.harness.is_cpu() {
+        (&[77], TextureFormat::R8Unorm)
     } else {
-        TextureFormat::Rgba8UnormSrgb
+        (&[77, 180, 77, 255], SRGB)
     };
     let extent = UVec2::splat(SIDE).to_extents();
     let usage = RenderAssetUsages::RENDER_WORLD;
-    let image = Image::new_fill(extent, TextureDimension::D2, texel, format, usage);
-    Some(builder.image(image))
+    let image = builder.image(Image::new_fill(extent, TextureDimension::D2, texel, format, usage));
+    spawn_colored(image, builder);
 }

@@ -1,6 +1,9 @@
 //! Brute force in `f64`: all triangles along a ray, and the valid answers of a tracer in single precision.
 
-use super::kernel::Answer;
+use super::{
+    kernel::{Answer, Hit},
+    triangle::{DOUBT, LocalRay},
+};
 use bevy::{
     ecs::entity::EntityHashSet,
     math::{Affine3A, DMat3, DVec3},
@@ -9,22 +12,17 @@ use bevy::{
 };
 use bevy_glint::internals::bvh::TraceRay;
 
-/// Margins below this are within rounding: twice the largest margin of the tracer's triangle test.
-const DOUBT: f64 = 6e-6;
 /// Relative error of distances.
 const TOLERANCE: f64 = 1e-3;
 /// Absolute error of distances, relative to the coordinates of the origin, and to the size of objects below a metre.
 const FLOOR: f64 = 1e-5;
 /// Triangles with a smaller margin in their object are not tested in the world.
 const FAR: f64 = -1e-3;
-/// Normals below this can vanish in single precision.
-const LEAST_NORMAL: f64 = 1e-30;
 /// A triangle is a hair if no ray has a margin of more than this multiple of [`DOUBT`]: rounding then decides on half of its area.
 const HAIR: f64 = 3.5;
 
 /// An object with known triangles.
 pub struct Object {
-    /// Its entity.
     pub entity: Entity,
     /// Object space.
     pub triangles: Vec<[DVec3; 3]>,
@@ -122,112 +120,6 @@ struct Candidate {
     is_hair: bool,
 }
 
-/// The point at which a ray meets the plane of a triangle.
-struct Met {
-    t: f64,
-    margin: f64,
-    error: f64,
-    /// Between the ray and the normal; negative if the front is visible.
-    cosine: f64,
-    /// Bound of the error of `cosine` in single precision.
-    tilt: f64,
-    /// Length of the coordinates that single precision adds up.
-    size: f64,
-    /// The margin of a ray that meets the middle of the triangle at right angles, from the same distance as this one.
-    widest: f64,
-}
-
-/// The ray in some space.
-struct LocalRay {
-    origin: DVec3,
-    /// Has any length, so that t is the same as in the world.
-    direction: DVec3,
-    /// Length of the coordinates that single precision has to add up for the origin.
-    reach: f64,
-}
-
-impl LocalRay {
-    fn new(ray: &TraceRay, object: &Object) -> Self {
-        let (origin, inverse) = (ray.origin.as_dvec3(), object.inverse);
-        let sizes = DMat3::from_cols(inverse.x_axis.abs(), inverse.y_axis.abs(), inverse.z_axis.abs());
-        Self {
-            origin: inverse * (origin - object.translation),
-            direction: inverse * ray.direction.as_dvec3(),
-            reach: (sizes * (origin.abs() + object.translation.abs())).length(),
-        }
-    }
-
-    fn in_world(ray: &TraceRay) -> Self {
-        let origin = ray.origin.as_dvec3();
-        Self {
-            origin,
-            direction: ray.direction.as_dvec3(),
-            reach: origin.length(),
-        }
-    }
-
-    /// A triangle without area, or along the ray: drivers can see its longest edge, at any distance.
-    fn graze(&self, [a, b, c]: [&DVec3; 3], normal: &DVec3) -> Option<Met> {
-        let longest = |p: &[&DVec3; 2], q: &[&DVec3; 2]| p[0].distance(*p[1]).total_cmp(&q[0].distance(*q[1]));
-        let [start, end] = [[a, b], [b, c], [c, a]].into_iter().max_by(longest)?;
-        let along = self.direction.normalize();
-        let [from, edge] = [start - self.origin, end - start].map(|way| way.reject_from_normalized(along));
-        let part = (-from.dot(edge) / edge.length_squared()).clamp(0.0, 1.0);
-        let t = (start + (end - start) * part - self.origin).dot(along) / self.direction.length();
-        let size = (start - self.origin).length() + self.reach + start.length().max(end.length());
-        Some(Met {
-            t,
-            margin: (-(from + edge * part).length() / size).min(-f64::MIN_POSITIVE),
-            error: f64::INFINITY,
-            cosine: 0.0,
-            tilt: f64::INFINITY,
-            size,
-            widest: widest(normal, start.distance(*end), size),
-        })
-    }
-
-    /// `None` far outside.
-    fn meet(&self, [a, b, c]: &[DVec3; 3], least: f64) -> Option<Met> {
-        let normal = (b - a).cross(c - a);
-        let speed = self.direction.length();
-        let slope = normal.dot(self.direction);
-        let cosine = slope / (normal.length() * speed);
-        if !(cosine.abs() > 0.0) {
-            return self.graze([a, b, c], &normal).filter(|met| met.margin > least);
-        }
-        let t = normal.dot(a - self.origin) / slope;
-        let at = self.origin + self.direction * t;
-        let longest = (b - a).length().max((c - a).length()).max((c - b).length());
-        let inside = |p: &DVec3, q: &DVec3| (p - at).cross(q - at).dot(normal) / (normal.length() * longest);
-        let smallest = inside(b, c).min(inside(c, a)).min(inside(a, b));
-        let size = t.abs() * speed + self.reach + a.length().max(b.length()).max(c.length());
-        let margin = smallest * cosine.abs() / size;
-        let tilt = 4.0 * f64::from(f32::EPSILON) * size * longest / normal.length();
-        (margin > least).then(|| Met {
-            t,
-            margin: if may_vanish(&normal) { margin.min(0.0) } else { margin },
-            error: tilt * longest / (cosine.abs() * speed),
-            cosine,
-            tilt,
-            size,
-            widest: widest(&normal, longest, size),
-        })
-    }
-}
-
-fn may_vanish(normal: &DVec3) -> bool {
-    normal.abs().max_element() < LEAST_NORMAL
-}
-
-/// The largest margin of a triangle with coordinates that sum to this size.
-fn widest(normal: &DVec3, longest: f64, size: f64) -> f64 {
-    if may_vanish(normal) {
-        0.0
-    } else {
-        normal.length() / (3.0 * longest * size)
-    }
-}
-
 /// All triangles near a ray.
 pub struct Exact<'a> {
     objects: &'a Objects,
@@ -238,9 +130,9 @@ impl Objects {
     /// Tests every triangle.
     pub fn along(&self, ray: &TraceRay) -> Exact<'_> {
         let mut candidates = Vec::new();
-        let in_world = LocalRay::in_world(ray);
+        let in_world = LocalRay::new(ray, &DMat3::IDENTITY, DVec3::ZERO);
         for (index, object) in self.known.iter().enumerate() {
-            let local = LocalRay::new(ray, object);
+            let local = LocalRay::new(ray, &object.inverse, object.translation);
             let turned = object.linear.determinant() < 0.0;
             for triangle in &object.triangles {
                 let Some(inner) = local.meet(triangle, FAR) else {
@@ -335,7 +227,7 @@ impl Exact<'_> {
             let mut candidates = self.candidates.iter();
             candidates.any(|c| self.object(c).see_through && c.t <= distance + self.slack(c))
         };
-        let Some((t, entity)) = answer.hit else {
+        let Some(Hit { t, entity, .. }) = answer.hit else {
             return match sure().next() {
                 Some(_) => Judgement::Wrong,
                 None if is_veiled(f64::INFINITY) => Judgement::Excused,

@@ -1,6 +1,5 @@
-//! Makes the app's own tracer answer a list of rays, in the current scene.
+//! Makes the app's own tracer answer a list of rays, in the current scene. `tests/shaders` compiles this file, too.
 
-use crate::harness::Harness;
 use bevy::{
     prelude::*,
     render::{
@@ -22,31 +21,40 @@ use bevy_glint::internals::{
 };
 use bytemuck::{Pod, Zeroable};
 use core::num::NonZeroU64;
-use std::{thread, time::Duration};
+use glint_scenes::{HeadlessApp, read_buffer};
 
 const NO_HIT: u32 = u32::MAX;
-/// Leaves processor time to the threads that compile.
-const NAP: Duration = Duration::from_millis(1);
-/// Limit of changes of the definitions while the kernel is compiled for others.
-const ATTEMPTS: u32 = 4;
 /// Rays of a workgroup.
 const GROUP: u32 = 64;
 
 /// `Answer` of `oracle.wesl`.
-#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+#[derive(Clone, Copy, Pod, Zeroable)]
 #[repr(C)]
 struct GpuAnswer {
     t: f32,
     instance: u32,
+    primitive: u32,
+    front_face: u32,
+    barycentrics: [f32; 2],
     blocked: u32,
     _padding: u32,
+}
+
+/// The surface that a ray hits first.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Hit {
+    pub t: f32,
+    /// `None` if its slot is empty.
+    pub entity: Option<Entity>,
+    pub primitive: u32,
+    pub front_face: bool,
+    pub barycentrics: [f32; 2],
 }
 
 /// The tracer's answer for a ray.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Answer {
-    /// Distance and object of the closest hit; no object if its slot is empty.
-    pub hit: Option<(f32, Option<Entity>)>,
+    pub hit: Option<Hit>,
     /// An object that casts shadows is in the way; `Some(None)` if its slot is empty.
     pub blocked: Option<Option<Entity>>,
 }
@@ -72,49 +80,23 @@ fn lists_layout() -> BindGroupLayoutDescriptor {
     )
 }
 
-/// Renders until the scene is static and the kernel is compiled for it; false if that takes too many frames. The log has the error of a
+/// A resource of the render world.
+fn resource<R: Resource>(app: &HeadlessApp) -> Option<&R> {
+    app.render_world().ok()?.get_resource()
+}
+
+/// The pipeline for the current scene, once it is compiled. The first call for a scene begins to compile it. The log has the error of a
 /// kernel that can't be compiled.
-pub fn prepare(harness: &mut Harness, patience: u32) -> bool {
-    for _ in 0..ATTEMPTS {
-        if !harness.wait_until_idle(patience) {
-            return false;
-        }
-        // The scene stays static while no frame is rendered, and so do the definitions.
-        if compiled(harness).is_some() {
-            return true;
-        }
-        let mut frames = 0;
-        while compiled(harness).is_none() {
-            if frames == patience {
-                return false;
-            }
-            frames += 1;
-            harness.step(1);
-            thread::sleep(NAP);
-        }
-    }
-    false
-}
-
-/// Answers for rays, in their order, in the scene of the last frame. The camera reflects, and decides on the layers that rays see. `None`
-/// if the scene is not on the GPU, or the kernel isn't compiled for it.
-pub fn trace(harness: &mut Harness, camera: Entity, rays: &[TraceRay]) -> Option<Vec<Answer>> {
-    let id = compiled(harness)?;
-    let view = harness.world().get::<RenderEntity>(camera).map(RenderEntity::id);
-    dispatch(harness, view, id, rays)
-}
-
-/// The pipeline for the current scene, once it is compiled.
-fn compiled(harness: &mut Harness) -> Option<CachedComputePipelineId> {
-    let id = queue(harness)?;
-    let cache = harness.render_resource::<PipelineCache>()?;
-    matches!(cache.get_compute_pipeline_state(id), CachedPipelineState::Ok(_)).then_some(id)
+pub fn compiled(app: &mut HeadlessApp) -> Option<CachedComputePipelineId> {
+    let id = queue(app)?;
+    let state = resource::<PipelineCache>(app)?.get_compute_pipeline_state(id);
+    matches!(state, CachedPipelineState::Ok(_)).then_some(id)
 }
 
 /// The pipeline for the current scene. `None` without a scene.
-fn queue(harness: &mut Harness) -> Option<CachedComputePipelineId> {
-    let defs = harness.render_resource::<SceneBindings>()?.shader_defs();
-    let world = harness.world();
+fn queue(app: &mut HeadlessApp) -> Option<CachedComputePipelineId> {
+    let defs = resource::<SceneBindings>(app)?.shader_defs();
+    let world = app.world();
     if !world.contains_resource::<OracleKernel>() {
         let shader = Shader::from_wesl(include_str!("oracle.wesl"), "embedded://glint_stress/oracle.wesl");
         let shader = world.resource_mut::<Assets<Shader>>().add(shader);
@@ -126,9 +108,8 @@ fn queue(harness: &mut Harness) -> Option<CachedComputePipelineId> {
         return Some(*id);
     }
     let shader = kernel.shader.clone();
-    let scene = harness.render_resource::<SceneBindings>()?;
-    let cache = harness.render_resource::<PipelineCache>()?;
-    let id = cache.queue_compute_pipeline(ComputePipelineDescriptor {
+    let scene = resource::<SceneBindings>(app)?;
+    let id = resource::<PipelineCache>(app)?.queue_compute_pipeline(ComputePipelineDescriptor {
         label: Some("oracle".into()),
         layout: vec![lists_layout(), scene.layout.clone(), layout_descriptor()],
         shader,
@@ -136,24 +117,20 @@ fn queue(harness: &mut Harness) -> Option<CachedComputePipelineId> {
         entry_point: Some("trace_rays".into()),
         ..default()
     });
-    harness
-        .world()
-        .resource_mut::<OracleKernel>()
-        .pipelines
-        .push((defs, id));
+    let mut kernel = app.world().resource_mut::<OracleKernel>();
+    kernel.pipelines.push((defs, id));
     Some(id)
 }
 
-fn dispatch(
-    harness: &Harness,
-    view: Option<Entity>,
-    id: CachedComputePipelineId,
-    rays: &[TraceRay],
-) -> Option<Vec<Answer>> {
-    let device = harness.render_resource::<RenderDevice>()?;
-    let cache = harness.render_resource::<PipelineCache>()?;
-    let scene = harness.render_resource::<SceneBindings>()?.bind_group.as_ref()?;
-    let environment = harness.render_resource::<EnvironmentBindings>()?.bind_group(view?)?;
+/// Answers for rays, in their order, in the scene of the last frame. The camera reflects, and decides on the layers that rays see. `None`
+/// if the scene is not on the GPU, or the kernel isn't compiled for it.
+pub fn trace(app: &mut HeadlessApp, camera: Entity, rays: &[TraceRay]) -> Option<Vec<Answer>> {
+    let id = compiled(app)?;
+    let view = app.world().get::<RenderEntity>(camera).map(RenderEntity::id)?;
+    let device = resource::<RenderDevice>(app)?;
+    let cache = resource::<PipelineCache>(app)?;
+    let scene = resource::<SceneBindings>(app)?.bind_group.as_ref()?;
+    let environment = resource::<EnvironmentBindings>(app)?.bind_group(view)?;
     let list: Vec<[f32; 8]> = rays
         .iter()
         .map(|ray| {
@@ -189,12 +166,18 @@ fn dispatch(
         pass.set_bind_group(2, environment, &[]);
         pass.dispatch_workgroups((rays.len() as u32).div_ceil(GROUP), 1, 1);
     }
-    harness.render_resource::<RenderQueue>()?.submit([encoder.finish()]);
-    let bytes = harness.read_buffer(&output)?;
-    let slots = harness.render_resource::<SceneInstances>()?;
+    resource::<RenderQueue>(app)?.submit([encoder.finish()]);
+    let bytes = read_buffer(app.render_world().ok()?, &output).ok()?;
+    let slots = resource::<SceneInstances>(app)?;
     let entity = |slot: u32| (slot != NO_HIT).then(|| slots.get(slot).map(|source| source.entity));
     let answer = |answer: GpuAnswer| Answer {
-        hit: entity(answer.instance).map(|entity| (answer.t, entity)),
+        hit: entity(answer.instance).map(|entity| Hit {
+            t: answer.t,
+            entity,
+            primitive: answer.primitive,
+            front_face: answer.front_face != 0,
+            barycentrics: answer.barycentrics,
+        }),
         blocked: entity(answer.blocked),
     };
     Some(bytemuck::pod_collect_to_vec(&bytes).into_iter().map(answer).collect())

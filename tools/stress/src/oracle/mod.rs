@@ -6,6 +6,7 @@
 mod exact;
 mod kernel;
 mod objects;
+mod triangle;
 
 use crate::{
     generators::HostileScene,
@@ -32,13 +33,14 @@ const FARTHEST: f64 = 1e4;
 const SMALLEST: f64 = 1e-2;
 /// Rays through the corners of an image must differ by this many radians. Otherwise all of its rays are the same ray.
 const LEAST_FIELD: f32 = 1e-3;
+/// Limit of changes of the definitions while the kernel is compiled for others.
+const ATTEMPTS: u32 = 4;
 /// One of this number of answers can belong to a ray that passes an edge or meets a face so closely that rounding decides.
 const BORDER_SHARE: usize = 100;
 /// Additional answers that are allowed beyond that share, for few rays.
 const LEAST_BORDERS: usize = 8;
 
 /// Rays are traced in this scene of a campaign.
-#[must_use]
 pub fn is_compared(seed: u64) -> bool {
     seed.is_multiple_of(SHARE)
 }
@@ -64,6 +66,23 @@ fn merged_instances(harness: &Harness) -> usize {
     harness.status().map_or(0, |status| status.merged_instances)
 }
 
+/// Renders until the scene is static and the kernel is compiled for it; false if that takes too many frames.
+fn prepare(harness: &mut Harness, patience: u32) -> bool {
+    for _ in 0..ATTEMPTS {
+        if !harness.wait_until_idle(patience) {
+            return false;
+        }
+        // The scene stays static while no frame is rendered, and so do the definitions.
+        if kernel::compiled(harness.app()).is_some() {
+            return true;
+        }
+        if !harness.step_while(patience, |harness| kernel::compiled(harness.app()).is_none()) {
+            return false;
+        }
+    }
+    false
+}
+
 fn compare_once(
     harness: &mut Harness,
     scene: &HostileScene,
@@ -72,7 +91,7 @@ fn compare_once(
     patience: u32,
     tally: &mut Tally,
 ) -> Vec<Problem> {
-    let is_prepared = kernel::prepare(harness, patience);
+    let is_prepared = prepare(harness, patience);
     // No frame is rendered from here on, so objects, rays and answers belong to the same scene.
     let objects = objects::collect(harness.world());
     let has_targets = objects.known.iter().any(is_target);
@@ -83,7 +102,7 @@ fn compare_once(
     let count: usize = objects.known.iter().map(|object| object.triangles.len()).sum();
     let count = (TESTS / count.max(1)).clamp(RAYS[0], RAYS[1]);
     let rays = rays(harness, scene, &objects, count, random);
-    let Some(answers) = kernel::trace(harness, camera, &rays) else {
+    let Some(answers) = kernel::trace(harness.app(), camera, &rays) else {
         // A scene without targets leaves nothing on the GPU.
         if !has_targets {
             return Vec::new();

@@ -24,7 +24,7 @@ const LEAST_LAPS: u32 = 9;
 impl Worker {
     /// Runs one of these sections.
     pub(super) fn measure(&mut self, section: Section) {
-        self.start(word(&section));
+        self.start(&word(&section));
         let done = catch_panic(|| match section {
             Section::Bounds => self.compare_bounds(),
             _ => self.measure_in_harness(section),
@@ -71,7 +71,7 @@ impl Worker {
             ));
         }
         let frames = *options.frames.get_or_insert(affordable);
-        self.start("long run".to_owned());
+        self.start("long run");
         self.reporter.tried_scene();
         let size = self.size(is_cpu, Section::LongRun);
         match long_run::run(harness, SceneName::Demo, size, frames, self.deadline) {
@@ -108,7 +108,7 @@ impl Worker {
             }
             let deadline = self.deadline_of_one(scenes.len() - index);
             let name = scene.map_or_else(|| "furnace".to_owned(), StaticScene::name);
-            self.start(format!("energy in the scene {name}"));
+            self.start(&format!("energy in the scene {name}"));
             let result = match scene {
                 None => furnace::measure(harness, size, lengths, &names, deadline),
                 Some(scene) => energy::compare(harness, *scene, size, lengths, &names, deadline),
@@ -135,7 +135,7 @@ impl Worker {
                 break;
             }
             let deadline = self.deadline_of_one(scenes.len() - index);
-            self.start(format!("flicker in the scene {}", scene.name()));
+            self.start(&format!("flicker in the scene {}", scene.name()));
             match stability::measure(harness, scene, size, stability::LENGTHS, deadline) {
                 Ok(flicker) => {
                     done += flicker.techniques.len();
@@ -147,7 +147,7 @@ impl Worker {
             self.reporter
                 .progress(done as u64, total as u64, "measurements of flicker");
         }
-        self.start("flicker".to_owned());
+        self.start("flicker");
         self.report(Ok(stability::evaluate(&measured)), harness);
     }
 
@@ -175,9 +175,9 @@ impl Worker {
             if self.is_expired() {
                 break;
             }
-            self.start(format!("runtime checks in {}", case.describe()));
-            let verdict = bounds.compare(case);
-            self.reporter.finish(verdict, bounds.take_tally());
+            self.start(&format!("runtime checks in {}", case.describe()));
+            let (verdict, tally) = bounds.compare(case);
+            self.reporter.finish(verdict, tally);
             let unit = "scenes with and without runtime checks";
             self.reporter.progress(index as u64 + 1, cases.len() as u64, unit);
         }

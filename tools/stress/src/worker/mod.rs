@@ -31,7 +31,7 @@ pub fn run(job: Job) {
         job,
     };
     let next_seed = worker.run();
-    report::send(&Message::Finished { next_seed });
+    report::send(&Message::Finished(next_seed));
 }
 
 struct Worker {
@@ -66,13 +66,13 @@ impl Worker {
     }
 
     /// Begins a case that the job's own options repeat.
-    fn start(&mut self, what: String) {
-        self.reporter.start(what, self.job.options.clone());
+    fn start(&mut self, what: &str) {
+        self.reporter.start(what, &self.job.options);
     }
 
     fn fault(&mut self, fault: Fault) {
         let repeat = self.job.options.only(Selection::Fault(fault));
-        self.reporter.start(format!("fault {}", word(&fault)), repeat);
+        self.reporter.start(&format!("fault {}", word(&fault)), &repeat);
         let options = &self.job.options;
         let (tracer, size) = (options.tracer.into(), options.size_or(UVec2::new(64, 48)));
         let (verdict, tally) = if self.job.without_reflections {
@@ -104,7 +104,7 @@ impl Worker {
             };
             let kind = word(&Viewer::kind(seed));
             self.reporter
-                .start(format!("file of seed {seed} ({kind}) in the viewer"), repeat);
+                .start(&format!("file of seed {seed} ({kind}) in the viewer"), &repeat);
             let tally = Tally {
                 files: 1,
                 ..Tally::default()

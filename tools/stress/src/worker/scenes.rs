@@ -38,7 +38,7 @@ impl Worker {
         while done < most && !self.is_expired() {
             let scenario = scenario(options.seed.wrapping_add(done), required, &options);
             let what = format!("scene of seed {} ({})", scenario.seed, scenario.describe());
-            self.reporter.start(what, repeat(&scenario, &options));
+            self.reporter.start(&what, &repeat(&scenario, &options));
             done += 1;
             let left = self.deadline.saturating_duration_since(Instant::now());
             let verdict = fuzzer.run(&scenario, SIMPLIFY.min(left.max(LEAST_SIMPLIFY)));

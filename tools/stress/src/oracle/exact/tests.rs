@@ -30,8 +30,17 @@ fn ray(x: f32) -> TraceRay {
     }
 }
 
+fn hit_at(t: f32, entity: Entity) -> Hit {
+    let entity = Some(entity);
+    Hit {
+        t,
+        entity,
+        ..Hit::default()
+    }
+}
+
 fn closest(objects: &Objects, x: f32, hit: Option<(f32, Entity)>) -> Judgement {
-    let hit = hit.map(|(t, entity)| (t, Some(entity)));
+    let hit = hit.map(|(t, entity)| hit_at(t, entity));
     objects.along(&ray(x)).judge_closest(&Answer { hit, blocked: None })
 }
 
@@ -184,9 +193,9 @@ fn distances_in_a_small_scene_are_small() {
         [exact.judge_closest(&answer), exact.judge_shadow(&answer)]
     };
     assert_eq!(
-        judge(Some((1e-6, Some(FRONT))), Some(Some(FRONT))),
+        judge(Some(hit_at(1e-6, FRONT)), Some(Some(FRONT))),
         [Judgement::Exact; 2]
     );
     assert_eq!(judge(None, None), [Judgement::Wrong; 2]);
-    assert_eq!(judge(Some((2e-6, Some(FRONT))), None)[0], Judgement::Wrong);
+    assert_eq!(judge(Some(hit_at(2e-6, FRONT)), None)[0], Judgement::Wrong);
 }
