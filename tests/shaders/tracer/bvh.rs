@@ -1,6 +1,6 @@
 //! The software tracer's trees against a brute-force search.
 
-use super::soup::{Mesh, Packed, Packing, Random, SOUPS, Soup, closed_surface, mesh, placement};
+use super::soup::{Mesh, Packed, Packing, Random, SOUPS, Soup, closed_surface, mesh, placement, ray, two_meshes};
 use bevy::math::{Affine3A, Vec3};
 use bevy_glint::internals::bvh::{
     Bounds, BvhQuality, Counters, ONE_ENTRY, TraceRay, any, build_blas, build_tlas, closest, merge_bounds,
@@ -11,39 +11,32 @@ use bevy_glint::internals::gpu_types::{
 use proptest::{prelude::*, test_runner::RngSeed};
 
 fn compare(scene: &Packed, rays: &[TraceRay], tolerance: f64, floor: f64) {
+    compare_with_shadows(scene, rays, tolerance, floor);
+    let view = scene.view();
+    let hits = rays.iter().filter(|ray| {
+        let is_hit = closest(&view, ray, &mut Counters::default()).is_some();
+        assert_eq!(any(&view, ray), is_hit);
+        is_hit
+    });
+    let hits = hits.count();
+    assert!(hits * 4 > rays.len(), "only {hits} of {} rays hit", rays.len());
+}
+
+/// For scenes in which some surfaces that rays hit cast no shadow.
+fn compare_with_shadows(scene: &Packed, rays: &[TraceRay], tolerance: f64, floor: f64) {
     let view = scene.view();
     let mut counters = Counters::default();
-    let mut hits = 0;
     for ray in rays {
         let hit = closest(&view, ray, &mut counters);
         let oracle = scene.oracle(ray);
-        hits += usize::from(hit.is_some());
         assert!(
             oracle.accepts(hit.map(|h| (h.t, h.instance, h.primitive)), tolerance, floor),
             "{ray:?} {hit:?}, nearest {}",
             oracle.t
         );
-        assert_eq!(any(&view, ray), hit.is_some());
-    }
-    assert!(counters.stack <= scene.stack_size);
-    assert!(hits * 4 > rays.len(), "only {hits} of {} rays hit", rays.len());
-}
-
-/// For scenes in which some surfaces that rays hit cast no shadow.
-fn compare_with_shadows(scene: &Packed, rays: &[TraceRay]) {
-    let view = scene.view();
-    let mut counters = Counters::default();
-    for ray in rays {
-        let hit = closest(&view, ray, &mut counters);
-        let oracle = scene.oracle(ray);
-        assert!(
-            oracle.accepts(hit.map(|h| (h.t, h.instance, h.primitive)), 1e-4, 1e-4),
-            "{ray:?} {hit:?}, nearest {}",
-            oracle.t
-        );
         let blocked = any(&view, ray);
         assert!(
-            scene.shadow_oracle(ray).accepts_any(blocked, 1e-4, 1e-4),
+            scene.shadow_oracle(ray).accepts_any(blocked, tolerance, floor),
             "{ray:?} {blocked}"
         );
     }
@@ -51,13 +44,8 @@ fn compare_with_shadows(scene: &Packed, rays: &[TraceRay]) {
 }
 
 fn seed() -> RngSeed {
-    match std::env::var("PROPTEST_RNG_SEED")
-        .ok()
-        .and_then(|seed| seed.parse().ok())
-    {
-        Some(seed) => RngSeed::Fixed(seed),
-        None => RngSeed::Fixed(1),
-    }
+    let seed = std::env::var("PROPTEST_RNG_SEED").ok();
+    RngSeed::Fixed(seed.and_then(|seed| seed.parse().ok()).unwrap_or(1))
 }
 
 /// Triangles that a ray meets at so flat an angle that rounding moves the hit by more than the usual tolerance.
@@ -69,11 +57,8 @@ fn grazing_rays_are_judged_by_their_rounding() {
 fn single_mesh(seed: u64, kind: usize, triangles: usize, exponent: i32) {
     let mut random = Random(seed);
     let scale = 10f32.powi(exponent);
-    let scene = Packed::new(
-        vec![mesh(SOUPS[kind], triangles, scale, Vec3::ZERO, &mut random)],
-        vec![(0, Affine3A::IDENTITY)],
-        0,
-    );
+    let triangles = mesh(SOUPS[kind], triangles, scale, Vec3::ZERO, &mut random);
+    let scene = Packed::single(triangles, Affine3A::IDENTITY, Packing::SINGLE);
     let rays = scene.rays(200, 3.0 * scale, Vec3::ZERO, &mut random);
     compare(&scene, &rays, SOUPS[kind].tolerance(), f64::from(scale) * 1e-5);
 }
@@ -145,7 +130,7 @@ proptest! {
         };
         let scene = Packed::with(meshes, instances, 40, packing);
         let rays = scene.rays(300, 8.0, Vec3::ZERO, &mut random);
-        compare_with_shadows(&scene, &rays);
+        compare_with_shadows(&scene, &rays, 1e-4, 1e-4);
     }
 }
 
@@ -155,10 +140,7 @@ fn the_tlas_may_be_one_entry_or_empty() {
     let mut random = Random(31);
     for (solid, masked) in [(0, 1), (1, 0), (1, 1), (0, 5), (5, 0), (1, 5), (5, 1), (5, 5), (0, 0)] {
         for merged in [false, true] {
-            let meshes = vec![
-                mesh(Soup::Random, 90, 1.0, Vec3::ZERO, &mut random),
-                mesh(Soup::Grid, 90, 2.0, Vec3::Y, &mut random),
-            ];
+            let meshes = two_meshes([90, 90], &mut random);
             let instances = (0..solid + masked)
                 .map(|i| (i % 2, placement(&mut random, 2.0)))
                 .collect();
@@ -171,7 +153,7 @@ fn the_tlas_may_be_one_entry_or_empty() {
             assert_eq!(view.tlas_node_count == 0, count == 0);
             assert_eq!(view.tlas_node_count == ONE_ENTRY, count == 1 || (merged && count > 0));
             let rays = scene.rays(1000, 6.0, Vec3::ZERO, &mut random);
-            compare_with_shadows(&scene, &rays);
+            compare_with_shadows(&scene, &rays, 1e-4, 1e-4);
             for ray in &rays {
                 let hit = closest(&view, ray, &mut Counters::default());
                 assert!(hit.is_none_or(|hit| (hit.instance as usize) < solid || hit.primitive.is_multiple_of(2)));
@@ -186,10 +168,7 @@ fn merging_changes_no_hit() {
     let mut random = Random(21);
     let meshes = || {
         let mut random = Random(22);
-        vec![
-            mesh(Soup::Random, 200, 1.0, Vec3::ZERO, &mut random),
-            mesh(Soup::Grid, 300, 2.0, Vec3::Y, &mut random),
-        ]
+        two_meshes([200, 300], &mut random)
     };
     let instances: Vec<_> = (0..30).map(|i| (i % 2, placement(&mut random, 5.0))).collect();
     let single = Packed::new(meshes(), instances.clone(), 100);
@@ -259,11 +238,10 @@ fn merged_edges_have_no_cracks() {
     let matrix = Affine3A::from_translation(Vec3::new(300.0, -20.0, 77.7))
         * Affine3A::from_rotation_x(0.3)
         * Affine3A::from_scale(Vec3::new(70.0, 1.0, 13.0));
-    let scene = Packed::with(
-        vec![mesh(Soup::Grid, 5000, 1.0, Vec3::ZERO, &mut random)],
-        vec![(0, matrix)],
-        0,
-        |_| Packing::MERGED,
+    let scene = Packed::single(
+        mesh(Soup::Grid, 5000, 1.0, Vec3::ZERO, &mut random),
+        matrix,
+        Packing::MERGED,
     );
     assert_no_cracks(&scene, 100_000, &mut random);
 }
@@ -282,9 +260,7 @@ fn closed_surfaces_let_no_ray_out() {
         .into_iter()
         .flat_map(|matrix| [Packing::SINGLE, Packing::MERGED].map(|packing| (matrix, packing)))
     {
-        let scene = Packed::with(vec![closed_surface(60, 90, &mut random)], vec![(0, matrix)], 0, |_| {
-            packing
-        });
+        let scene = Packed::single(closed_surface(60, 90, &mut random), matrix, packing);
         let view = scene.view();
         for ray in scene.rays_from_within(20_000, &mut random) {
             assert!(
@@ -300,10 +276,10 @@ fn closed_surfaces_let_no_ray_out() {
 fn far_from_the_origin() {
     let mut random = Random(7);
     let centre = Vec3::new(1.0e6, -3.0e5, 2.0e5);
-    let scene = Packed::new(
-        vec![mesh(Soup::Random, 300, 1000.0, centre, &mut random)],
-        vec![(0, Affine3A::IDENTITY)],
-        0,
+    let scene = Packed::single(
+        mesh(Soup::Random, 300, 1000.0, centre, &mut random),
+        Affine3A::IDENTITY,
+        Packing::SINGLE,
     );
     let rays = scene.rays(500, 2000.0, centre, &mut random);
     compare(&scene, &rays, 1e-4, 1.0);
@@ -312,13 +288,10 @@ fn far_from_the_origin() {
 #[test]
 fn shared_edges_have_no_cracks() {
     let mut random = Random(1);
-    let scene = Packed::new(
-        vec![mesh(Soup::Grid, 5000, 1.0, Vec3::ZERO, &mut random)],
-        vec![(
-            0,
-            Affine3A::from_rotation_x(0.3) * Affine3A::from_scale(Vec3::new(700.0, 1.0, 13.0)),
-        )],
-        0,
+    let scene = Packed::single(
+        mesh(Soup::Grid, 5000, 1.0, Vec3::ZERO, &mut random),
+        Affine3A::from_rotation_x(0.3) * Affine3A::from_scale(Vec3::new(700.0, 1.0, 13.0)),
+        Packing::SINGLE,
     );
     assert_no_cracks(&scene, 100_000, &mut random);
 }
@@ -335,13 +308,7 @@ fn assert_no_cracks(scene: &Packed, rays: usize, random: &mut Random) {
         }
         let distance = [5.0, 5.0, 100.0, 10_000.0][i / 8 % 4];
         let origin = matrix.transform_point3(Vec3::new(random.signed(), 1.0, random.signed()) * distance);
-        let direction = (matrix.transform_point3(target) - origin).normalize();
-        let ray = TraceRay {
-            origin,
-            direction,
-            t_min: 0.0,
-            t_max: f32::MAX,
-        };
+        let ray = ray(origin, matrix.transform_point3(target) - origin);
         assert!(
             closest(&view, &ray, &mut Counters::default()).is_some(),
             "at {along} of an edge: {ray:?}"

@@ -1,7 +1,7 @@
 //! Surfaces in the same place: rays hit the one that Bevy draws over the others, and none is lost behind it.
 
 use super::{
-    shader::{Answer, NO_HIT, counts, trace_items},
+    shader::{Answer, NO_HIT, counts, ray_words, trace_items},
     soup::{Mesh, Packed, Packing, Random, Soup, mesh, placement},
 };
 use crate::{
@@ -23,29 +23,21 @@ use bevy_glint::internals::{
 /// Flags of solid surfaces that Bevy draws one over the other, from the lowest to the uppermost. Of the last two, the first
 /// entity lies over the other.
 fn stack() -> [u32; 6] {
-    let default = StandardMaterial::default;
+    let biased = |depth_bias: f32| StandardMaterial {
+        depth_bias,
+        ..StandardMaterial::default()
+    };
+    let blended = StandardMaterial {
+        alpha_mode: AlphaMode::Blend,
+        ..biased(0.0)
+    };
     let materials = [
-        StandardMaterial {
-            depth_bias: -3.0,
-            ..default()
-        },
-        default(),
-        StandardMaterial {
-            alpha_mode: AlphaMode::Blend,
-            ..default()
-        },
-        StandardMaterial {
-            depth_bias: 1.0,
-            ..default()
-        },
-        StandardMaterial {
-            depth_bias: 200.0,
-            ..default()
-        },
-        StandardMaterial {
-            depth_bias: 200.0,
-            ..default()
-        },
+        biased(-3.0),
+        biased(0.0),
+        blended,
+        biased(1.0),
+        biased(LARGEST_BIAS),
+        biased(LARGEST_BIAS),
     ];
     let solid = !(INSTANCE_ALPHA_MASKED | INSTANCE_CULL_BACK);
     materials
@@ -152,18 +144,22 @@ fn sheets(place: Affine3A) -> Vec<Affine3A> {
     (0..6).map(sheet).collect()
 }
 
+/// A ray at a point.
+fn ray_at(target: Vec3, origin: Vec3) -> TraceRay {
+    TraceRay {
+        origin,
+        direction: (target - origin).normalize(),
+        t_min: 0.0,
+        t_max: 1000.0,
+    }
+}
+
 /// Rays at the middle of a plane, not too shallow.
 fn rays_at(place: &Affine3A, count: usize, random: &mut Random) -> Vec<TraceRay> {
     let ray = |_| {
         let target = place.transform_point3(Vec3::new(random.signed(), random.signed(), 0.0) * 0.6);
         let [x, y, z] = [2.0, 2.0, 0.5].map(|size| random.signed() * size);
-        let origin = place.transform_point3(Vec3::new(x, y, 1.0 + 4.0 * z.abs()));
-        TraceRay {
-            origin,
-            direction: (target - origin).normalize(),
-            t_min: 0.0,
-            t_max: 1000.0,
-        }
+        ray_at(target, place.transform_point3(Vec3::new(x, y, 1.0 + 4.0 * z.abs())))
     };
     (0..count).map(ray).collect()
 }
@@ -231,12 +227,7 @@ fn a_bias_wins_over_a_surface_as_near_as_in_a_depth_buffer() {
                 tree: None,
             };
             let scene = Packed::with(vec![square()], vec![(0, wall), (0, decal)], 0, packing);
-            let ray = TraceRay {
-                origin: Vec3::new(0.1, 0.3, distance),
-                direction: Vec3::NEG_Z,
-                t_min: 0.0,
-                t_max: 1000.0,
-            };
+            let ray = ray_at(Vec3::new(0.1, 0.3, 0.0), Vec3::new(0.1, 0.3, distance));
             let answers = trace(gpu, &scene, &[ray; 64]);
             assert_eq!(
                 answers[0].instance == 1,
@@ -263,41 +254,20 @@ fn a_ray_meets_each_layer_of_a_place_once() {
         // The square's diagonal belongs to both triangles.
         let mut rays = rays_at(&place, 500, &mut random);
         let along = |i: usize| Vec3::splat(i as f32 / 256.0 - 0.5) * Vec3::new(1.0, 1.0, 0.0);
-        rays.extend((0..256).map(|i| {
-            let (origin, target) = (
-                place.transform_point3(along(i) + Vec3::Z),
-                place.transform_point3(along(i)),
-            );
-            TraceRay {
-                origin,
-                direction: (target - origin).normalize(),
-                t_min: 0.0,
-                t_max: 1000.0,
-            }
-        }));
+        let point = |point: Vec3| place.transform_point3(point);
+        rays.extend((0..256).map(|i| ray_at(point(along(i)), point(along(i) + Vec3::Z))));
         let wgsl = wesl::flatten(
             include_str!("layers.wesl"),
             &[],
             &defs(scene.stack_size, &["LAYERED_RAYS"]),
         );
-        let words: Vec<[f32; 8]> = rays
-            .iter()
-            .map(
-                |TraceRay {
-                     origin: o,
-                     direction: d,
-                     t_min,
-                     t_max,
-                 }| [o.x, o.y, o.z, *t_min, d.x, d.y, d.z, *t_max],
-            )
-            .collect();
         let met = gpu.buffer(&vec![[0_u32; 4]; rays.len()]);
         let (counts, items) = (gpu.buffer(&[biased_counts(&scene)]), gpu.buffer(&scene.bvh));
         let instances = gpu.buffer(&instances(&scene));
         gpu.dispatch(
             &gpu.pipeline(&wgsl, "follow", Checks::Off),
             &[
-                &[(0, &gpu.buffer(&words)), (1, &met)],
+                &[(0, &gpu.buffer(&ray_words(&rays))), (1, &met)],
                 &[(4, &counts), (6, &items), (1, &instances)],
             ],
             rays.len().div_ceil(64) as u32,

@@ -2,7 +2,7 @@
 
 use super::{
     shader::{NO_HIT, counts, shader, trace_items},
-    soup::{Packed, Random, Soup, mesh},
+    soup::{Packed, Packing, Random, Soup, mesh},
 };
 use crate::gpu::{Checks, Gpu};
 use bevy::math::{Affine3A, Vec3};
@@ -28,7 +28,7 @@ fn traversals_of_corrupt_trees_end() {
     let blas = build_blas(&triangles.positions, &triangles.indices, BvhQuality::Medium);
     let nodes = blas.map_or(0, |blas| blas.node_count);
     assert!(nodes >= 8, "{nodes} nodes");
-    let scene = Packed::new(vec![triangles], vec![(0, Affine3A::IDENTITY)], 0);
+    let scene = Packed::single(triangles, Affine3A::IDENTITY, Packing::SINGLE);
     let intact = || Trees {
         items: scene.bvh.clone(),
         counts: counts(&scene),

@@ -1,6 +1,6 @@
 //! The software tracer's shader against its CPU mirror and a brute-force search.
 
-use super::soup::{Packed, Packing, Random, SOUPS, Soup, closed_surface, mesh, placement};
+use super::soup::{Packed, Packing, Random, SOUPS, Soup, closed_surface, mesh, placement, two_meshes};
 use crate::{
     gpu::{Checks, Gpu},
     wesl,
@@ -60,6 +60,15 @@ pub fn counts(scene: &Packed) -> GpuSceneCounts {
     }
 }
 
+/// Rays as the shader reads them.
+pub fn ray_words(rays: &[TraceRay]) -> Vec<[f32; 8]> {
+    let words = |ray: &TraceRay| {
+        let (o, d) = (ray.origin, ray.direction);
+        [o.x, o.y, o.z, ray.t_min, d.x, d.y, d.z, ray.t_max]
+    };
+    rays.iter().map(words).collect()
+}
+
 /// Traces trees that need not be valid.
 pub fn trace_items(
     gpu: &Gpu,
@@ -70,13 +79,6 @@ pub fn trace_items(
     instances: &[GpuInstance],
     rays: &[TraceRay],
 ) -> Vec<Answer> {
-    let ray_data: Vec<[f32; 8]> = rays
-        .iter()
-        .map(|r| {
-            let (o, d) = (r.origin, r.direction);
-            [o.x, o.y, o.z, r.t_min, d.x, d.y, d.z, r.t_max]
-        })
-        .collect();
     let answers = gpu.buffer(&vec![Answer::zeroed(); rays.len()]);
     let (counts, items, instances) = (gpu.buffer(&[counts]), gpu.buffer(items), gpu.buffer(instances));
     let mut scene_group = vec![(4, &counts), (6, &items)];
@@ -86,7 +88,7 @@ pub fn trace_items(
     }
     gpu.dispatch(
         &gpu.pipeline(wgsl, "in_compute", checks),
-        &[&[(0, &gpu.buffer(&ray_data)), (1, &answers)], &scene_group],
+        &[&[(0, &gpu.buffer(&ray_words(rays))), (1, &answers)], &scene_group],
         rays.len().div_ceil(64) as u32,
     );
     gpu.read(&answers)
@@ -162,8 +164,8 @@ fn soups_match_the_mirror_and_brute_force() {
         .into_iter()
         .flat_map(|kind| [1e-4, 1.0, 1e6].map(|scale| (kind, scale)))
     {
-        let meshes = vec![mesh(kind, 500, scale, Vec3::ZERO, &mut random)];
-        let scene = Packed::new(meshes, vec![(0, Affine3A::IDENTITY)], 0);
+        let triangles = mesh(kind, 500, scale, Vec3::ZERO, &mut random);
+        let scene = Packed::single(triangles, Affine3A::IDENTITY, Packing::SINGLE);
         let rays = scene.rays(10_000, scale * 3.0, Vec3::ZERO, &mut random);
         compare(gpu, &scene, &rays, kind.tolerance(), f64::from(scale) * 1e-5);
     }
@@ -174,10 +176,7 @@ fn instances_match_the_mirror_and_brute_force() {
     let Some(gpu) = Gpu::new() else { return };
     let mut random = Random(12);
     for max_entries in [0, 300] {
-        let meshes = vec![
-            mesh(Soup::Random, 100, 1.0, Vec3::ZERO, &mut random),
-            mesh(Soup::Grid, 200, 2.0, Vec3::Y, &mut random),
-        ];
+        let meshes = two_meshes([100, 200], &mut random);
         let instances = (0..40).map(|i| (i % 2, placement(&mut random, 5.0))).collect();
         let scene = Packed::new(meshes, instances, max_entries);
         let rays = scene.rays(10_000, 8.0, Vec3::ZERO, &mut random);
@@ -191,10 +190,7 @@ fn merged_instances_match_the_mirror_and_brute_force() {
     let mut random = Random(15);
     // All in one tree, where rays start; some beside two trees; and each with its own flags.
     for mode in 0..3 {
-        let meshes = vec![
-            mesh(Soup::Random, 100, 1.0, Vec3::ZERO, &mut random),
-            mesh(Soup::Grid, 200, 2.0, Vec3::Y, &mut random),
-        ];
+        let meshes = two_meshes([100, 200], &mut random);
         let instances: Vec<_> = (0..40).map(|i| (i % 2, placement(&mut random, 5.0))).collect();
         let culling = [0, INSTANCE_CULL_BACK, INSTANCE_CULL_FRONT];
         let packing = |i: usize| match mode {
@@ -228,10 +224,7 @@ fn masked_instances_match_the_mirror_and_brute_force() {
         (20, 1, false),
         (0, 20, true),
     ] {
-        let meshes = vec![
-            mesh(Soup::Random, 100, 1.0, Vec3::ZERO, &mut random),
-            mesh(Soup::Grid, 200, 2.0, Vec3::Y, &mut random),
-        ];
+        let meshes = two_meshes([100, 200], &mut random);
         let instances = (0..solid + masked)
             .map(|i| (i % 2, placement(&mut random, 5.0)))
             .collect();

@@ -12,8 +12,8 @@ use bevy_glint::internals::gpu_types::{
     INSTANCE_ALPHA_MASKED, INSTANCE_CASTS_SHADOW, INSTANCE_CULL_BACK, INSTANCE_CULL_FRONT, INSTANCE_MIRRORED,
 };
 pub use oracle::Oracle;
-use oracle::{Candidate, LocalRay, intersect};
-pub use shapes::{Mesh, Random, SOUPS, Soup, closed_surface, mesh, placement};
+use oracle::{Candidate, LocalRay, intersect, local_ray};
+pub use shapes::{Mesh, Random, SOUPS, Soup, closed_surface, mesh, placement, two_meshes};
 use std::collections::BTreeMap;
 
 /// Replaces the alpha test of materials: every other triangle is cut out.
@@ -25,6 +25,16 @@ pub fn alpha_test(_instance: u32, primitive: u32, _barycentrics: [f32; 2]) -> bo
 fn micromap(primitive: u32) -> Micromap {
     const STATES: [u32; 6] = [UNKNOWN, UNKNOWN, OPAQUE, TRANSPARENT, UNKNOWN, TRANSPARENT];
     [STATES[primitive as usize % 6] * 0x5555_5555; 4]
+}
+
+/// A ray of any length; along the x axis if the direction has no length.
+pub fn ray(origin: Vec3, direction: Vec3) -> TraceRay {
+    TraceRay {
+        origin,
+        direction: direction.try_normalize().unwrap_or(Vec3::X),
+        t_min: 0.0,
+        t_max: f32::MAX,
+    }
 }
 
 /// How an instance is packed.
@@ -70,10 +80,10 @@ pub struct Packed {
 }
 
 /// A triangle without rounding to `f32`.
-struct Target {
-    instance: u32,
+pub struct Target {
+    pub instance: u32,
     primitive: u32,
-    world: [DVec3; 3],
+    pub world: [DVec3; 3],
     /// In the tracer's space: the world as of the build for merged instances, otherwise the object.
     local: [DVec3; 3],
 }
@@ -159,6 +169,11 @@ impl Packed {
         Self::with(meshes, instances, max_entries, |_| Packing::SINGLE)
     }
 
+    /// Packs one mesh in one place.
+    pub fn single(mesh: Mesh, place: Affine3A, packing: Packing) -> Self {
+        Self::with(vec![mesh], vec![(0, place)], 0, |_| packing)
+    }
+
     /// `packing` returns the packing of each instance.
     pub fn with(
         meshes: Vec<Mesh>,
@@ -235,6 +250,17 @@ impl Packed {
         }
     }
 
+    pub fn any_triangle(&self, random: &mut Random) -> &Target {
+        &self.triangles[random.below(self.triangles.len())]
+    }
+
+    /// The corners of a triangle in world space.
+    pub fn corners(&self, instance: u32, primitive: u32) -> [DVec3; 3] {
+        let mut triangles = self.triangles.iter();
+        let found = triangles.find(|target| (target.instance, target.primitive) == (instance, primitive));
+        found.expect("the triangle exists").world
+    }
+
     /// Rays from around the scene at points on triangles (half of them near edges) and in random directions.
     pub fn rays(&self, count: usize, spread: f32, centre: Vec3, random: &mut Random) -> Vec<TraceRay> {
         (0..count)
@@ -247,7 +273,7 @@ impl Packed {
                         _ => random.vector(),
                     }
                 } else {
-                    let [a, b, c] = self.triangles[random.below(self.triangles.len())].world;
+                    let [a, b, c] = self.any_triangle(random).world;
                     let mut u = f64::from(random.signed() * 0.5 + 0.5);
                     let v = (1.0 - u) * f64::from(random.signed() * 0.5 + 0.5);
                     if i % 4 == 2 {
@@ -255,13 +281,7 @@ impl Packed {
                     }
                     (a + (b - a) * u + (c - a) * v - origin.as_dvec3()).as_vec3()
                 };
-                let direction = direction.try_normalize().unwrap_or(Vec3::X);
-                TraceRay {
-                    origin,
-                    direction,
-                    t_min: 0.0,
-                    t_max: f32::MAX,
-                }
+                ray(origin, direction)
             })
             .collect()
     }
@@ -275,12 +295,7 @@ impl Packed {
                 let origin = matrix.transform_point3(random.vector() * 0.3);
                 let [a, b, _] = mesh.corners(random.below(mesh.triangle_count())).map(Vec3::from);
                 let along = if i % 2 == 0 { 0.0 } else { random.signed() * 0.5 + 0.5 };
-                TraceRay {
-                    origin,
-                    direction: (matrix.transform_point3(a.lerp(b, along)) - origin).normalize(),
-                    t_min: 0.0,
-                    t_max: f32::MAX,
-                }
+                ray(origin, matrix.transform_point3(a.lerp(b, along)) - origin)
             })
             .collect()
     }
@@ -308,7 +323,7 @@ impl Packed {
             .instances
             .iter()
             .zip(&self.shifts)
-            .map(|((_, matrix), shift)| LocalRay::new(ray, &shift.map_or(*matrix, Affine3A::from_translation)))
+            .map(|((_, matrix), shift)| local_ray(ray, &shift.map_or(*matrix, Affine3A::from_translation)))
             .collect();
         let mut result = Oracle {
             t: f64::INFINITY,

@@ -1,6 +1,9 @@
 //! An app with a tracer that answers lists of rays.
 
-use super::scenes::Scene;
+use super::{
+    kernel::{self, Hit},
+    scenes::Scene,
+};
 use crate::{
     common,
     tracer::soup::{self, Packed, Packing},
@@ -11,78 +14,42 @@ use bevy::{
     math::UVec2,
     mesh::{Indices, PrimitiveTopology},
     prelude::*,
-    render::{
-        RenderApp,
-        render_resource::{
-            BindGroupEntries, BindGroupLayoutDescriptor, BindGroupLayoutEntries, BufferDescriptor,
-            BufferInitDescriptor, BufferUsages, CachedComputePipelineId, CommandEncoderDescriptor,
-            ComputePassDescriptor, ComputePipelineDescriptor, PipelineCache, ShaderStages, binding_types,
-        },
-        renderer::{RenderDevice, RenderQueue},
-    },
-    shader::{Shader, ShaderDefVal},
+    render::render_resource::{CachedPipelineState, PipelineCache},
 };
 use bevy_glint::{
     NotReflected, RayTracedReflections, ReflectionStatus, ReflectionStatusReport, ReflectionTechnique,
-    ReflectionTracerChoice,
-    internals::{SceneBindings, bvh::TraceRay, instances::SceneInstances},
+    ReflectionTracerChoice, internals::bvh::TraceRay,
 };
-use bytemuck::{Pod, Zeroable};
-use core::num::NonZeroU64;
-use glint_scenes::{HeadlessApp, Output, read_buffer};
-use std::{collections::HashMap, time::Duration};
+use glint_scenes::{HeadlessApp, Output};
+use std::time::Duration;
 
 /// Limit of frames for compiling, building and merging.
 const PATIENCE: u32 = 20_000;
-const NO_HIT: u32 = u32::MAX;
-
-/// `Answer` of `oracle.wesl`.
-#[derive(Clone, Copy, Debug, Pod, Zeroable)]
-#[repr(C)]
-struct GpuAnswer {
-    t: f32,
-    instance: u32,
-    primitive: u32,
-    flags: u32,
-    barycentrics: [f32; 2],
-    _padding: [f32; 2],
-}
-
-/// The surface that a ray hits first.
-#[derive(Debug)]
-pub struct Hit {
-    pub t: f32,
-    /// Index among the objects of the scene that are not opted out.
-    pub instance: u32,
-    pub primitive: u32,
-    pub front_face: bool,
-    pub barycentrics: [f32; 2],
-}
 
 /// The tracer's answer for a ray.
 #[derive(Debug)]
 pub struct Answer {
-    pub hit: Option<Hit>,
+    /// The surface that the ray hits first, and the index of its object among those of the scene that are not opted out.
+    pub hit: Option<(u32, Hit)>,
     /// Something that casts shadows is in the way.
     pub blocked: bool,
+}
+
+impl Answer {
+    /// Distance, instance and triangle of the hit.
+    pub fn named(&self) -> Option<(f32, u32, u32)> {
+        self.hit.map(|(instance, hit)| (hit.t, instance, hit.primitive))
+    }
 }
 
 /// An app with a camera that reflects, but looks away from everything.
 pub struct OracleApp {
     app: HeadlessApp,
-    layout: BindGroupLayoutDescriptor,
-    shader: Handle<Shader>,
-    /// By their definitions.
-    pipelines: Vec<(Vec<ShaderDefVal>, CachedComputePipelineId)>,
+    camera: Entity,
     /// Entities without a parent.
     roots: Vec<Entity>,
     /// Entities that rays can hit.
     objects: Vec<Entity>,
-}
-
-fn render_world(app: &mut HeadlessApp) -> &World {
-    let render = app.app().get_sub_app(RenderApp);
-    render.expect("there is a renderer").world()
 }
 
 impl OracleApp {
@@ -90,65 +57,19 @@ impl OracleApp {
     pub fn new(tracer: ReflectionTracerChoice) -> Option<Self> {
         let mut app = common::app(UVec2::splat(16), Output::Picture, tracer)?;
         // Nothing is drawn, since all scenes are behind it.
-        app.spawn_camera((
+        let camera = app.spawn_camera((
             Transform::from_xyz(0.0, 0.0, 1e5).looking_to(Vec3::Z, Vec3::Y),
             RayTracedReflections {
                 technique: ReflectionTechnique::Quarter,
                 ..default()
             },
         ));
-        let shader = Shader::from_wesl(include_str!("oracle.wesl"), "embedded://bevy_glint_oracle/oracle.wesl");
-        let shader = app.world().resource_mut::<Assets<Shader>>().add(shader);
-        for _ in 0..PATIENCE {
-            app.step(1);
-            if render_world(&mut app).contains_resource::<SceneBindings>() {
-                break;
-            }
-        }
-
-        let storage = NonZeroU64::new(size_of::<GpuAnswer>() as u64);
-        let layout = BindGroupLayoutDescriptor::new(
-            "oracle_layout",
-            &BindGroupLayoutEntries::sequential(
-                ShaderStages::COMPUTE,
-                (
-                    binding_types::storage_buffer_read_only_sized(false, storage),
-                    binding_types::storage_buffer_sized(false, storage),
-                ),
-            ),
-        );
         Some(Self {
             app,
-            layout,
-            shader,
-            pipelines: Vec::new(),
+            camera,
             roots: Vec::new(),
             objects: Vec::new(),
         })
-    }
-
-    /// The kernel for the current scene.
-    fn pipeline(&mut self) -> CachedComputePipelineId {
-        let defs = render_world(&mut self.app).resource::<SceneBindings>().shader_defs();
-        if let Some((_, id)) = self.pipelines.iter().find(|(known, _)| *known == defs) {
-            return *id;
-        }
-        let world = render_world(&mut self.app);
-        let (cache, scene) = (world.resource::<PipelineCache>(), world.resource::<SceneBindings>());
-        let id = cache.queue_compute_pipeline(ComputePipelineDescriptor {
-            label: Some("oracle".into()),
-            layout: vec![self.layout.clone(), scene.layout.clone()],
-            shader: self.shader.clone(),
-            shader_defs: defs.clone(),
-            entry_point: Some("trace_rays".into()),
-            ..default()
-        });
-        self.pipelines.push((defs, id));
-        self.wait("the kernel is not compiled", |oracle| {
-            let cache = render_world(&mut oracle.app).resource::<PipelineCache>();
-            cache.get_compute_pipeline(id).is_some()
-        });
-        id
     }
 
     /// Renders frames until a condition is true.
@@ -160,14 +81,20 @@ impl OracleApp {
             }
             std::thread::sleep(Duration::from_millis(1));
         }
-        let pipelines = self.pipelines.clone();
         let report = self.report();
-        let cache = render_world(&mut self.app).resource::<PipelineCache>();
-        let states: Vec<_> = pipelines
-            .iter()
-            .map(|(_, id)| cache.get_compute_pipeline_state(*id))
+        let cache = self
+            .app
+            .render_world()
+            .ok()
+            .and_then(World::get_resource::<PipelineCache>);
+        let states = cache
+            .into_iter()
+            .flat_map(PipelineCache::pipelines)
+            .map(|one| &one.state);
+        let failed: Vec<_> = states
+            .filter(|state| matches!(state, CachedPipelineState::Err(_)))
             .collect();
-        panic!("{complaint}: {report:?}, {states:?}");
+        panic!("{complaint}: {report:?}, {failed:?}");
     }
 
     pub fn report(&mut self) -> ReflectionStatusReport {
@@ -272,69 +199,19 @@ impl OracleApp {
 
     /// Has the app's tracer answer.
     pub fn trace(&mut self, rays: &[TraceRay]) -> Vec<Answer> {
-        let pipeline = self.pipeline();
-        let objects = self.objects.iter().copied();
-        let indices: HashMap<Entity, u32> = objects.zip(0..).collect();
-        let world = render_world(&mut self.app);
-        let (device, queue) = (world.resource::<RenderDevice>(), world.resource::<RenderQueue>());
-        let (cache, scene) = (world.resource::<PipelineCache>(), world.resource::<SceneBindings>());
-
-        let list: Vec<[f32; 8]> = rays
-            .iter()
-            .map(|ray| {
-                let (o, d) = (ray.origin, ray.direction);
-                [o.x, o.y, o.z, ray.t_min, d.x, d.y, d.z, ray.t_max]
-            })
-            .collect();
-        let input = device.create_buffer_with_data(&BufferInitDescriptor {
-            label: Some("oracle_rays"),
-            contents: bytemuck::cast_slice(&list),
-            usage: BufferUsages::STORAGE,
-        });
-        let output = device.create_buffer(&BufferDescriptor {
-            label: Some("oracle_answers"),
-            size: (rays.len() * size_of::<GpuAnswer>()) as u64,
-            usage: BufferUsages::STORAGE | BufferUsages::COPY_SRC,
-            mapped_at_creation: false,
-        });
-        let lists = device.create_bind_group(
-            "oracle",
-            &cache.get_bind_group_layout(&self.layout),
-            &BindGroupEntries::sequential((input.as_entire_binding(), output.as_entire_binding())),
-        );
-
-        let pipeline = cache.get_compute_pipeline(pipeline);
-        let mut encoder = device.create_command_encoder(&CommandEncoderDescriptor { label: Some("oracle") });
-        {
-            let mut pass = encoder.begin_compute_pass(&ComputePassDescriptor {
-                label: Some("oracle"),
-                timestamp_writes: None,
+        if kernel::compiled(&mut self.app).is_none() {
+            self.wait("the kernel is not compiled", |oracle| {
+                kernel::compiled(&mut oracle.app).is_some()
             });
-            pass.set_pipeline(pipeline.expect("the kernel is compiled"));
-            pass.set_bind_group(0, &lists, &[]);
-            pass.set_bind_group(1, scene.bind_group.as_ref().expect("a camera reflects"), &[]);
-            pass.dispatch_workgroups(rays.len().div_ceil(64) as u32, 1, 1);
         }
-        queue.submit([encoder.finish()]);
-        let bytes = read_buffer(world, &output).expect("the answers can be read");
-        let answers: Vec<GpuAnswer> = bytemuck::pod_collect_to_vec(&bytes);
-
-        let slots = world.resource::<SceneInstances>().slots();
-        let instance_of = |answer: &GpuAnswer| {
-            let source = slots.get(answer.instance as usize)?.as_ref()?;
-            indices.get(&source.entity).copied()
-        };
+        let answers = kernel::trace(&mut self.app, self.camera, rays).expect("the scene is on the GPU");
+        let instance = |hit: &Hit| self.objects.iter().position(|entity| Some(*entity) == hit.entity);
+        let named = |hit: Hit| (instance(&hit).expect("only what is reflected can be hit") as u32, hit);
         answers
-            .iter()
+            .into_iter()
             .map(|answer| Answer {
-                hit: (answer.instance != NO_HIT).then(|| Hit {
-                    t: answer.t,
-                    instance: instance_of(answer).expect("only what is reflected can be hit"),
-                    primitive: answer.primitive,
-                    front_face: answer.flags & 1 != 0,
-                    barycentrics: answer.barycentrics,
-                }),
-                blocked: answer.flags & 2 != 0,
+                hit: answer.hit.map(named),
+                blocked: answer.blocked.is_some(),
             })
             .collect()
     }

@@ -18,7 +18,7 @@ fn judge(app: &mut OracleApp, scene: &Scene, random: &mut Random, step: u32) {
     let mut hits = 0;
     for (ray, answer) in rays.iter().zip(app.trace(&rays)) {
         let exact = packed.oracle(ray);
-        let named = answer.hit.as_ref().map(|hit| (hit.t, hit.instance, hit.primitive));
+        let named = answer.named();
         assert!(
             exact.accepts(named, 1e-3, 1e-5),
             "step {step}: {ray:?} {answer:?}, but exactly {}",

@@ -2,10 +2,12 @@
 
 mod app;
 mod changes;
+#[path = "../../../../tools/stress/src/oracle/kernel.rs"]
+mod kernel;
 mod scenes;
 
 use super::soup::{Oracle, Packed, Random};
-use app::{Answer, Hit, OracleApp};
+use app::{Answer, OracleApp};
 use bevy::math::Vec3;
 use bevy_glint::{
     ReflectionTracerChoice,
@@ -14,7 +16,8 @@ use bevy_glint::{
         gpu_types::{INSTANCE_CULL_BACK, INSTANCE_CULL_FRONT},
     },
 };
-use scenes::{Scene, corners, rays_from_within, rays_into};
+use kernel::Hit;
+use scenes::{Scene, rays_from_within, rays_into};
 
 /// Relative error of distances.
 const TOLERANCE: f64 = 1e-3;
@@ -39,19 +42,19 @@ fn judge(name: &str, packed: &Packed, scale: f32, rays: &[TraceRay], answers: &[
     let mut tally = Tally::default();
     for (ray, answer) in rays.iter().zip(answers) {
         let (closest, shadow) = (packed.oracle(ray), packed.shadow_oracle(ray));
-        let hit = answer.hit.as_ref();
-        let named = hit.map(|hit| (hit.t, hit.instance, hit.primitive));
+        let (hit, named) = (answer.hit, answer.named());
         let exact = (closest.t, shadow.t);
         assert!(
             closest.accepts(named, TOLERANCE, floor) && shadow.accepts_any(answer.blocked, TOLERANCE, floor),
             "{name}: {ray:?} {answer:?}, but exactly {exact:?} for closest and shadow"
         );
         if let Some(hit) = hit {
-            assert_on_triangle(name, packed, ray, hit, &closest, floor);
+            assert_on_triangle(name, packed, ray, &hit, &closest, floor);
         }
-        let distance = |hit: &Hit| (f64::from(hit.t) - closest.t).abs();
         let near = match hit {
-            Some(hit) => closest.t.is_finite() && distance(hit) <= closest.t * TOLERANCE + floor,
+            Some((_, hit)) => {
+                (f64::from(hit.t) - closest.t).abs() <= closest.t * TOLERANCE + floor && closest.t.is_finite()
+            }
             None => closest.t.is_infinite(),
         };
         tally.rays += 1;
@@ -70,13 +73,20 @@ fn judge(name: &str, packed: &Packed, scale: f32, rays: &[TraceRay], answers: &[
 }
 
 /// The barycentrics give the point at the distance, and the face is the one towards the ray.
-fn assert_on_triangle(name: &str, packed: &Packed, ray: &TraceRay, hit: &Hit, closest: &Oracle, floor: f64) {
+fn assert_on_triangle(
+    name: &str,
+    packed: &Packed,
+    ray: &TraceRay,
+    (instance, hit): &(u32, Hit),
+    closest: &Oracle,
+    floor: f64,
+) {
     let candidate = closest
         .candidates
         .iter()
-        .find(|candidate| (candidate.instance, candidate.primitive) == (hit.instance, hit.primitive))
+        .find(|candidate| (candidate.instance, candidate.primitive) == (*instance, hit.primitive))
         .expect("the hit was accepted");
-    let [a, b, c] = corners(packed, hit.instance as usize, hit.primitive as usize);
+    let [a, b, c] = packed.corners(*instance, hit.primitive);
     let [second, third] = hit.barycentrics.map(f64::from);
     let (origin, direction, t) = (ray.origin.as_dvec3(), ray.direction.as_dvec3(), f64::from(hit.t));
     let on_triangle = a + (b - a) * second + (c - a) * third;

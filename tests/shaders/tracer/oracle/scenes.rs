@@ -1,11 +1,7 @@
 //! Triangle soups as the entities of an app, and rays that try them.
 
 use crate::tracer::soup::{self, Packed, Random, SOUPS, Soup};
-use bevy::{
-    math::{DVec3, Mat4},
-    prelude::*,
-    render::render_resource::Face,
-};
+use bevy::{math::Mat4, prelude::*, render::render_resource::Face};
 use bevy_glint::internals::{
     bvh::TraceRay,
     gpu_types::{INSTANCE_ALPHA_MASKED, INSTANCE_CASTS_SHADOW, INSTANCE_CULL_BACK, INSTANCE_CULL_FRONT},
@@ -223,47 +219,22 @@ fn without_area(triangles: usize, scale: f32, random: &mut Random) -> soup::Mesh
     mesh
 }
 
-/// A triangle in world space.
-pub fn corners(packed: &Packed, instance: usize, primitive: usize) -> [DVec3; 3] {
-    let (mesh, matrix) = &packed.instances[instance];
-    let (linear, translation) = (matrix.matrix3.as_dmat3(), matrix.translation.as_dvec3());
-    let object = packed.meshes[*mesh].corners(primitive);
-    object.map(|corner| linear * Vec3::from(corner).as_dvec3() + translation)
-}
-
-/// An instance and one of its triangles.
-fn any_triangle(packed: &Packed, random: &mut Random) -> (usize, usize) {
-    let instance = random.below(packed.instances.len());
-    let mesh = &packed.meshes[packed.instances[instance].0];
-    (instance, random.below(mesh.triangle_count()))
-}
-
-fn ray(origin: Vec3, direction: DVec3) -> TraceRay {
-    TraceRay {
-        origin,
-        direction: direction.try_normalize().unwrap_or(DVec3::X).as_vec3(),
-        t_min: 0.0,
-        t_max: f32::MAX,
-    }
-}
-
 /// Rays from around the origin into triangles, well within their edges, and some in any direction.
 pub fn rays_into(packed: &Packed, count: usize, spread: f32, random: &mut Random) -> Vec<TraceRay> {
     let mut rays = Vec::with_capacity(count);
     while rays.len() < count {
         let origin = random.vector() * spread;
         if rays.len() % 4 == 3 {
-            rays.push(ray(origin, random.vector().as_dvec3()));
+            rays.push(soup::ray(origin, random.vector()));
             continue;
         }
-        let (instance, primitive) = any_triangle(packed, random);
-        let [a, b, c] = corners(packed, instance, primitive);
+        let [a, b, c] = packed.any_triangle(random).world;
         let [x, y, z] = [(); 3].map(|()| f64::from(0.6 + 0.4 * random.signed()));
         let to_target = (a * x + b * y + c * z) / (x + y + z) - origin.as_dvec3();
         let longest = a.distance(b).max(b.distance(c)).max(c.distance(a));
         let width = (b - a).cross(c - a).length() / longest;
         if width > AIMED_WIDTH * to_target.length() {
-            rays.push(ray(origin, to_target));
+            rays.push(soup::ray(origin, to_target.normalize().as_vec3()));
         }
     }
     rays
@@ -273,16 +244,16 @@ pub fn rays_into(packed: &Packed, count: usize, spread: f32, random: &mut Random
 pub fn rays_from_within(packed: &Packed, count: usize, at_corners: bool, random: &mut Random) -> Vec<TraceRay> {
     (0..count)
         .map(|i| {
-            let (instance, primitive) = any_triangle(packed, random);
-            let (_, matrix) = &packed.instances[instance];
+            let target = packed.any_triangle(random);
+            let (_, matrix) = &packed.instances[target.instance as usize];
             let origin = matrix.transform_point3(random.vector() * 0.3);
-            let [a, b, c] = corners(packed, instance, primitive);
+            let [a, b, c] = target.world;
             let target = match i % 4 {
                 0 => (a + b + c) / 3.0,
                 1 if at_corners => a,
                 _ => a.lerp(b, f64::from(0.5 + 0.48 * random.signed())),
             };
-            ray(origin, target - origin.as_dvec3())
+            soup::ray(origin, (target - origin.as_dvec3()).as_vec3())
         })
         .collect()
 }

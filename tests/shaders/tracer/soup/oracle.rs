@@ -1,19 +1,19 @@
 //! Valid answers of a tracer in single precision.
 
+#[path = "../../../../tools/stress/src/oracle/triangle.rs"]
+mod triangle;
+
 use bevy::math::{Affine3A, DMat3, DVec3};
 use bevy_glint::internals::bvh::TraceRay;
-
-/// Margins below this are within rounding: twice the largest margin of the tracer's triangle test.
-const DOUBT: f64 = 6e-6;
+use triangle::DOUBT;
+pub(super) use triangle::{LocalRay, Met};
 
 /// A triangle that the ray hits, or misses by a little.
 pub struct Candidate {
     pub t: f64,
-    /// Margin of a ray's hit on the triangle, negative outside: the distance between the ray and an edge relative to the coordinates,
-    /// times the length of the edge relative to the longest one. Below [`DOUBT`], single precision can see the ray on either side.
+    /// As in [`Met`].
     pub margin: f64,
-    /// Bound of the error of `t` in single precision: rounding shifts and tilts the plane, which moves the point where a grazing ray
-    /// meets it.
+    /// As in [`Met`].
     pub error: f64,
     pub instance: u32,
     pub primitive: u32,
@@ -61,68 +61,18 @@ impl Oracle {
     }
 }
 
-/// The point at which a ray meets the plane of a triangle.
-pub(super) struct Met {
-    pub t: f64,
-    pub margin: f64,
-    pub error: f64,
-    /// Between the ray and the normal; negative if the front is visible.
-    pub cosine: f64,
-    /// Bound of the error of `cosine` in single precision.
-    pub tilt: f64,
-}
-
-/// The ray in the space of an object.
-pub(super) struct LocalRay {
-    origin: DVec3,
-    /// Has any length, so that t is the same as in the world.
-    direction: DVec3,
-    /// Length of the coordinates that single precision has to add up for the origin.
-    reach: f64,
-}
-
-impl LocalRay {
-    /// `None` if the object is flat.
-    pub(super) fn new(ray: &TraceRay, world_from_object: &Affine3A) -> Option<Self> {
-        let linear = world_from_object.matrix3.as_dmat3();
-        let translation = world_from_object.translation.as_dvec3();
-        let origin = ray.origin.as_dvec3();
-        let inverse = linear.inverse();
-        if !(inverse.is_finite() && translation.is_finite()) {
-            return None;
-        }
-        let sizes = DMat3::from_cols(inverse.x_axis.abs(), inverse.y_axis.abs(), inverse.z_axis.abs());
-        Some(Self {
-            origin: inverse * (origin - translation),
-            direction: inverse * ray.direction.as_dvec3(),
-            reach: (sizes * origin.abs() + (inverse * translation).abs()).length(),
-        })
-    }
+/// The ray in the space of an object. `None` if the object is flat.
+pub(super) fn local_ray(ray: &TraceRay, world_from_object: &Affine3A) -> Option<LocalRay> {
+    let inverse = world_from_object.matrix3.as_dmat3().inverse();
+    let translation = world_from_object.translation.as_dvec3();
+    let sizes = DMat3::from_cols(inverse.x_axis.abs(), inverse.y_axis.abs(), inverse.z_axis.abs());
+    // The tracer stores this product.
+    let reach = (sizes * ray.origin.as_dvec3().abs() + (inverse * translation).abs()).length();
+    let local = LocalRay::new(ray, &inverse, translation);
+    (inverse.is_finite() && translation.is_finite()).then_some(LocalRay { reach, ..local })
 }
 
 /// `None` far outside or parallel.
-pub(super) fn intersect([a, b, c]: &[DVec3; 3], ray: &LocalRay) -> Option<Met> {
-    let normal = (b - a).cross(c - a);
-    let speed = ray.direction.length();
-    let slope = normal.dot(ray.direction);
-    let cosine = slope / (normal.length() * speed);
-    if !(cosine.abs() > 0.0) {
-        return None;
-    }
-    let t = normal.dot(a - ray.origin) / slope;
-    let at = ray.origin + ray.direction * t;
-    let longest = (b - a).length().max((c - a).length()).max((c - b).length());
-    let inside = |p: &DVec3, q: &DVec3| (p - at).cross(q - at).dot(normal) / (normal.length() * longest);
-    let smallest = inside(b, c).min(inside(c, a)).min(inside(a, b));
-    let size = t.abs() * speed + ray.reach + a.length().max(b.length()).max(c.length());
-    let margin = smallest * cosine.abs() / size;
-    let tilt = 4.0 * f64::from(f32::EPSILON) * size * longest / normal.length();
-    let error = tilt * longest / (cosine.abs() * speed);
-    (margin > -DOUBT).then_some(Met {
-        t,
-        margin,
-        error,
-        cosine,
-        tilt,
-    })
+pub(super) fn intersect(corners: &[DVec3; 3], ray: &LocalRay) -> Option<Met> {
+    ray.meet(corners, -DOUBT).filter(|met| met.error.is_finite())
 }

@@ -116,6 +116,14 @@ pub fn mesh(kind: Soup, triangles: usize, scale: f32, centre: Vec3, random: &mut
     mesh
 }
 
+/// Triangles of all sizes beside a grid, this many of each.
+pub fn two_meshes(triangles: [usize; 2], random: &mut Random) -> Vec<Mesh> {
+    vec![
+        mesh(Soup::Random, triangles[0], 1.0, Vec3::ZERO, random),
+        mesh(Soup::Grid, triangles[1], 2.0, Vec3::Y, random),
+    ]
+}
+
 /// A lumpy sphere of radius 0.7 to 1.3 without a hole.
 pub fn closed_surface(rings: usize, segments: usize, random: &mut Random) -> Mesh {
     use core::f32::consts::PI;
