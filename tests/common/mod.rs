@@ -84,7 +84,10 @@ pub fn app_of(
     }
     if let Some(folder) = std::env::var_os(SHADERS) {
         let replaced = app.replace_shaders("bevy_glint", Path::new(&folder));
-        assert!(replaced.is_ok_and(|replaced| !replaced.is_empty()), "{SHADERS} has no shaders");
+        assert!(
+            replaced.is_ok_and(|replaced| !replaced.is_empty()),
+            "{SHADERS} has no shaders"
+        );
     }
     Some(app)
 }
