@@ -10,7 +10,7 @@ use crate::{
     machine::Machine,
     process::{self, Notice},
     progress::Progress,
-    report::{output::Results, table, tables::Tables},
+    report::{results::Results, table, tables::Tables},
 };
 use indicatif::HumanDuration;
 use std::{

@@ -43,8 +43,8 @@ use machine::Machine;
 use message::Message;
 use protocol::Protocol;
 use report::{
-    output::Results,
     regressions::compare,
+    results::Results,
     rows::{self, Row},
     summary::conditions,
     tables::{ROWS, Tables},

@@ -2,7 +2,7 @@
 
 use super::{
     dominance::range_of_views,
-    output::Results,
+    results::Results,
     rows::{Keyed, Row, of_scene, scenes, significant},
 };
 use crate::{files::write_text, stats::pareto_front};

@@ -3,29 +3,14 @@
 use super::{
     charts::write_charts,
     held_out, readme,
+    results::Results,
     rows::to_csv,
     table,
     tables::{OBJECTS, ROWS, SPLITS, Tables},
 };
-use crate::{
-    files::{write_json, write_text},
-    machine::Machine,
-    protocol::Protocol,
-};
+use crate::files::{write_json, write_text};
 use serde::Serialize;
-use std::{fs, io, path::Path};
-
-/// Everything that was measured.
-pub struct Results<'a> {
-    /// The folder of results.
-    pub out: &'a Path,
-    /// The machine.
-    pub machine: &'a Machine,
-    /// How much was measured.
-    pub protocol: &'a Protocol,
-    /// All rows.
-    pub tables: &'a Tables,
-}
+use std::{fs, io};
 
 impl Results<'_> {
     /// Writes tables, charts and the summary.
@@ -73,7 +58,12 @@ fn table_of<T: Serialize>(rows: &[T]) -> Result<Option<String>, String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::report::rows::{Row, from_csv};
+    use crate::{
+        machine::Machine,
+        protocol::Protocol,
+        report::rows::{Row, from_csv},
+    };
+    use std::path::Path;
 
     /// Writes rows into a folder.
     fn write(out: &Path, rows: &[Row]) -> Tables {

@@ -4,9 +4,8 @@ use super::{
     charts::ChartFiles,
     decomposition, held_out,
     markdown::{Column, number, percent, range, section, signed, table},
-    objects,
-    output::Results,
-    paper,
+    objects, paper,
+    results::Results,
     rows::{Keyed, Row, of_scene, on_front, scenes},
     tables::Tables,
 };
