@@ -7,14 +7,12 @@ use std::cmp::Reverse;
 use std::env;
 use std::ffi::OsString;
 use std::fs;
-use std::io::{self, Read};
 use std::iter;
 use std::mem;
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
-use std::process::{Command, Stdio};
+use std::process::Command;
 use std::sync::Mutex;
-use std::sync::mpsc::{self, RecvTimeoutError};
 use std::thread;
 use std::time::{Duration, Instant};
 
@@ -28,7 +26,10 @@ use crate::progress::{self, Elapsed, Times};
 use crate::{environment, new_user, package, web};
 
 mod long;
+mod process;
+
 pub use long::run as run_long;
+use process::{Ended, capture, unfinished};
 
 /// Number of test programs that run at a time: the last test of each runs alone and rarely uses more than one core.
 const JOBS: NonZeroUsize = NonZeroUsize::MIN.saturating_add(1);
@@ -431,7 +432,7 @@ fn run_one(mut test: Test, limits: Limits, show: fn(&[u8])) -> Outcome {
     let profile = test.profile.and_then(|path| fs::read_to_string(path).ok());
     let cases: Vec<_> = said.lines().filter_map(Case::parse).collect();
     let (tally, late) = match end {
-        Ended::Stopped => (Tally::count(&cases), missing(&test.command, &cases)),
+        Ended::Stopped => (Tally::count(&cases), unfinished(&mut test.command, &cases)),
         Ended::Succeeded | Ended::Failed => (Tally::read(&said), Vec::new()),
     };
     Outcome {
@@ -444,60 +445,6 @@ fn run_one(mut test: Test, limits: Limits, show: fn(&[u8])) -> Outcome {
         costs: Costs::read(&profile.unwrap_or_default()),
         late,
     }
-}
-
-/// Names of the tests of a program that have no outcome.
-fn missing(program: &Command, cases: &[Case]) -> Vec<String> {
-    let mut list = Command::new(program.get_program());
-    list.args(program.get_args()).arg("--list").stderr(Stdio::null());
-    let listed = list.output().map(|output| output.stdout).unwrap_or_default();
-    String::from_utf8_lossy(&listed)
-        .lines()
-        .filter_map(|line| line.strip_suffix(": test"))
-        .filter(|name| cases.iter().all(|case| case.name != *name))
-        .map(str::to_owned)
-        .collect()
-}
-
-/// The way a command ended.
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum Ended {
-    Succeeded,
-    Failed,
-    Stopped,
-}
-
-/// Runs a command, at most until `stop`, and passes its stdout and stderr on.
-fn capture(command: &mut Command, stop: Option<Instant>, mut receive: impl FnMut(&[u8])) -> io::Result<Ended> {
-    let (mut reader, writer) = io::pipe()?;
-    let mut child = command
-        .stdin(Stdio::null())
-        .stdout(writer.try_clone()?)
-        .stderr(writer)
-        .spawn()?;
-    // The command owns the writers, which would keep the pipe open.
-    command.stdout(Stdio::null()).stderr(Stdio::null());
-    let (sender, chunks) = mpsc::channel();
-    thread::spawn(move || {
-        let mut chunk = [0; 4096];
-        while let Ok(length @ 1..) = reader.read(&mut chunk)
-            && sender.send(chunk[..length].to_vec()).is_ok()
-        {}
-    });
-    loop {
-        let left = stop.map_or(Duration::MAX, |stop| stop.saturating_duration_since(Instant::now()));
-        match chunks.recv_timeout(left) {
-            Ok(chunk) => receive(&chunk),
-            Err(RecvTimeoutError::Disconnected) => break,
-            Err(RecvTimeoutError::Timeout) => {
-                child.kill()?;
-                child.wait()?;
-                return Ok(Ended::Stopped);
-            }
-        }
-    }
-    let success = child.wait()?.success();
-    Ok(if success { Ended::Succeeded } else { Ended::Failed })
 }
 
 #[cfg(test)]
@@ -563,12 +510,13 @@ mod tests {
     fn tests_that_run_too_long_are_stopped_and_named() {
         let script = |first: &str| {
             format!(
-                "if [ \"$1\" = --list ]; then printf 'a: test\\nb: test\\n'; else echo '{first}'; exec sleep 60; fi"
+                "if [ \"$1\" = --list ]; then printf 'a: test\\nb: '$KIND'\\n'; else echo '{first}'; exec sleep 60; fi"
             )
         };
         for (first, success) in [("test a ... ok <0.1s>", true), ("test a ... FAILED <0.1s>", false)] {
             let mut test = shell("slow", &script(first));
-            test.command.arg("program");
+            // The harness lists nothing without the variables of the run.
+            test.command.arg("program").env("KIND", "test");
             let stop = Some(Instant::now() + Duration::from_millis(300));
             let (outcomes, late) = run_all(vec![test], Limits { stop, ..limits(1) }, |_| {});
             assert_eq!((late, outcomes[0].success), (0, success));
