@@ -126,7 +126,8 @@ fn fits(size: UVec2, technique: ReflectionTechnique, most_texels: u32) -> bool {
     size.max_element().div_ceil(technique.trace_scale()) <= most_trace_pixels
 }
 
-/// Returns whether nobody adapted the length of rays to the camera. An infinite projection says nothing about the scene.
+/// Returns whether the projection reaches farther than rays of the default length. Another length is the app's choice, and an infinite
+/// projection says nothing about the scene.
 fn has_short_rays(projection: &Projection, reflections: &RayTracedReflections) -> bool {
     let far = projection.far();
     let length = RayTracedReflections::default().max_ray_length;

@@ -22,8 +22,8 @@ use bevy::{
 use bytemuck::{Pod, Zeroable};
 use extract::DecalSource;
 
-/// Maximum number of decals, of 64 bytes each and 24 for a node. It bounds a loop of `decals.wesl`, which only takes longer for decals
-/// whose boxes are near the hit.
+/// Maximum number of decals, of 64 bytes each and 24 for a node. A higher value costs memory. The loop of
+/// `decals.wesl` visits only decals near the hit.
 const MAX_DECALS: usize = 1 << 14;
 /// Frames in which no material shows decals until that is logged. With a larger value, the message comes later, and less often while a
 /// level is still loading.

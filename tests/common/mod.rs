@@ -8,8 +8,8 @@ use core::time::Duration;
 use glint_scenes::{HeadlessApp, HeadlessError, HeadlessSettings, Output, SceneAnimationPlugin};
 use std::path::Path;
 
-/// Environment variable with a folder of shader modules that take the place of the crate's. So a test can be seen to fail on a planted
-/// fault without a build.
+/// Environment variable with a folder of shader modules that take the place of the crate's. With a fault in one of them, a test shows
+/// without a build that it can fail.
 const SHADERS: &str = "GLINT_TEST_SHADERS";
 
 /// An app that traces, or `None` (with the reason printed) if this machine can't.

@@ -119,7 +119,7 @@ pub fn browser_device() -> WgpuSettings {
 }
 
 /// Minimum number of threads that run the systems of all apps. Bevy's default on two cores is one, which then also compiles the shaders of
-/// all apps one after the other.
+/// all apps one after the other. With a higher value, more apps of a process compile at a time.
 const COMPUTE_THREADS: usize = 4;
 
 fn task_pools() -> TaskPoolOptions {

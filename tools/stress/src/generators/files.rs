@@ -31,7 +31,7 @@ kinds! {
     }
 }
 
-/// A file whose content or bytes are changed.
+/// A file with changed content or bytes.
 fn damaged(content: impl FnOnce(&mut Parts), bytes: impl FnOnce(&mut Vec<u8>)) -> Vec<u8> {
     let mut parts = Parts::default();
     content(&mut parts);
