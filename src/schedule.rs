@@ -7,10 +7,19 @@ use bevy::{
         oit::resolve::node::oit_resolve,
         schedule::{Core3d, Core3dSystems},
     },
-    ecs::prelude::*,
+    ecs::{
+        prelude::*,
+        schedule::{
+            FlattenedDependencies, InternedSystemSet, NodeId, ScheduleBuildError, ScheduleBuildPass, ScheduleGraph,
+            SystemKey, SystemSetKey, graph::DiGraph,
+        },
+    },
     pbr::{deferred::deferred_lighting, main_transmissive_pass_3d, wireframe::wireframe_3d},
+    platform::{collections::HashMap, hash::FixedHasher},
     render::{ExtractSchedule, Render, RenderApp, RenderSystems},
 };
+use core::iter;
+use indexmap::IndexSet;
 
 /// Sets of the crate's systems in the render app, to order systems of an app before or after them.
 ///
@@ -57,6 +66,11 @@ pub enum ReflectionSystems {
     DebugViews,
 }
 
+/// In `Core3d`, after the opaque forward pass and before everything else that follows it: finds the surfaces of front layers, and runs the
+/// passes for opaque ones.
+#[derive(SystemSet, Clone, Debug, PartialEq, Eq, Hash)]
+pub(crate) struct OpaqueLayerPasses;
+
 /// Adds the sets to the schedules.
 pub(crate) struct SchedulePlugin;
 
@@ -96,7 +110,8 @@ impl Plugin for SchedulePlugin {
                         .before(main_opaque_pass_3d)
                         .in_set(Core3dSystems::MainPass),
                     // Surfaces blended over opaque ones have different positions.
-                    ReflectionSystems::KeepScreens
+                    (ReflectionSystems::KeepScreens, OpaqueLayerPasses)
+                        .chain()
                         .after(main_opaque_pass_3d)
                         .before(main_transmissive_pass_3d)
                         .before(main_transparent_pass_3d)
@@ -113,6 +128,85 @@ impl Plugin for SchedulePlugin {
                         .before(wireframe_3d)
                         .before(Core3dSystems::EarlyPostProcess),
                 ),
-            );
+            )
+            .edit_schedule(Core3d, |schedule| {
+                schedule.add_build_pass(UnnamedPasses::default());
+            });
+    }
+}
+
+/// Orders our passes and those that Bevy doesn't export, which no set contains.
+///
+/// Forward surfaces get the same haze as deferred ones if their reflections are added before the pass of the atmosphere, and debug views
+/// are drawn over volumetric fog. What runs next to a known pass, in no order with ours, is such a pass, or one of the app's.
+#[derive(Debug, Default)]
+struct UnnamedPasses {
+    /// The systems of each set.
+    systems: HashMap<SystemSetKey, Vec<SystemKey>>,
+}
+
+impl UnnamedPasses {
+    fn of(&self, graph: &ScheduleGraph, set: InternedSystemSet) -> &[SystemKey] {
+        let key = graph.system_sets.get_key(set);
+        key.and_then(|key| self.systems.get(&key)).map_or(&[], Vec::as_slice)
+    }
+}
+
+impl ScheduleBuildPass for UnnamedPasses {
+    type EdgeOptions = ();
+
+    fn add_dependency(&mut self, _from: NodeId, _to: NodeId, _options: Option<&()>) {}
+
+    fn collapse_set(
+        &mut self,
+        set: SystemSetKey,
+        systems: &IndexSet<SystemKey, FixedHasher>,
+        _graph: &DiGraph<NodeId>,
+    ) -> impl Iterator<Item = (NodeId, NodeId)> {
+        self.systems.insert(set, systems.iter().copied().collect());
+        iter::empty()
+    }
+
+    fn build(
+        &mut self,
+        _world: &mut World,
+        graph: &mut ScheduleGraph,
+        mut dependencies: FlattenedDependencies<'_>,
+    ) -> Result<(), ScheduleBuildError> {
+        let debug_views = ReflectionSystems::DebugViews.intern();
+        let orders = [
+            (
+                OpaqueLayerPasses.intern(),
+                main_opaque_pass_3d.into_system_set().intern(),
+                true,
+            ),
+            (debug_views, main_transparent_pass_3d.into_system_set().intern(), false),
+        ];
+        for (ours, known, is_first) in orders {
+            let analysis = dependencies.analyze().map_err(ScheduleBuildError::FlatDependencySort)?;
+            let ours = self.of(graph, ours);
+            let next = self
+                .of(graph, known)
+                .iter()
+                .flat_map(|known| dependencies.graph().neighbors(*known));
+            let mut edges = Vec::new();
+            for other in next.filter(|other| !ours.contains(other)) {
+                let connected = analysis.connected();
+                if ours
+                    .iter()
+                    .any(|own| connected.contains(&(*own, other)) || connected.contains(&(other, *own)))
+                {
+                    continue;
+                }
+                edges.extend(
+                    ours.iter()
+                        .map(|own| if is_first { (*own, other) } else { (other, *own) }),
+                );
+            }
+            for (before, after) in edges {
+                dependencies.add_edge(before, after);
+            }
+        }
+        Ok(())
     }
 }

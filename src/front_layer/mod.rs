@@ -29,18 +29,14 @@ pub(crate) use find::FIND;
 use crate::{
     debug::{request_debug_passes, show_debug_views},
     device::tracing_app,
-    schedule::ReflectionSystems,
+    schedule::{OpaqueLayerPasses, ReflectionSystems},
     view::PreparedViews,
 };
 use bevy::{
     app::{App, Plugin},
     asset::embedded_asset,
-    core_pipeline::{
-        core_3d::{main_opaque_pass_3d, main_transparent_pass_3d},
-        schedule::{Core3d, Core3dSystems},
-    },
+    core_pipeline::schedule::Core3d,
     ecs::{schedule::IntoScheduleConfigs, system::Query},
-    pbr::main_transmissive_pass_3d,
     render::{ExtractSchedule, Render, RenderApp, RenderSystems},
     shader::load_shader_library,
 };
@@ -92,17 +88,9 @@ impl Plugin for FrontLayerPlugin {
             .add_systems(
                 Core3d,
                 (
-                    find_front_layers
-                        .after(main_opaque_pass_3d)
-                        .before(main_transmissive_pass_3d)
-                        .before(main_transparent_pass_3d)
-                        .in_set(Core3dSystems::MainPass),
-                    reflect_on_opaque_layers
-                        .after(find_front_layers)
-                        .after(ReflectionSystems::KeepScreens)
-                        .before(main_transmissive_pass_3d)
-                        .before(main_transparent_pass_3d)
-                        .in_set(Core3dSystems::MainPass),
+                    (find_front_layers, reflect_on_opaque_layers)
+                        .chain()
+                        .in_set(OpaqueLayerPasses),
                     reflect_on_front_layers.in_set(ReflectionSystems::FrontLayerPasses),
                     // Drawn over the darkened frame of the other debug views.
                     show_front_layers

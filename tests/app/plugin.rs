@@ -189,40 +189,65 @@ fn systems_of_an_app_run_before_and_after_those_of_the_plugin() {
     }
 }
 
+/// Our passes and those of Bevy that touch the same textures, in the order in which they are recorded. Bevy exports neither the pass of the
+/// sky nor that of the fog.
+#[test]
+fn passes_are_recorded_in_order() {
+    let chains: [&[&str]; 6] = [
+        &[
+            "deferred_lighting",
+            "ray_traced_reflections",
+            "write_guides",
+            "main_opaque_pass_3d",
+            "find_front_layers",
+            "reflect_on_opaque_layers",
+            "main_transmissive_pass_3d",
+            "main_transparent_pass_3d",
+            "reflect_on_front_layers",
+            "volumetric_fog",
+            "tonemapping",
+        ],
+        &["main_opaque_pass_3d", "keep_screens", "reflect_on_opaque_layers"],
+        &["keep_screens", "main_transmissive_pass_3d"],
+        // Haze lies over reflections.
+        &["reflect_on_opaque_layers", "render_sky", "reflect_on_front_layers"],
+        &["oit_resolve", "reflect_on_front_layers"],
+        // Debug views lie over everything.
+        &["volumetric_fog", "show_debug_views", "show_front_layers", "tonemapping"],
+    ];
+    let Some(mut app) = built(|app| {
+        app.add_plugins(RayTracedReflectionsPlugin::default());
+    }) else {
+        return;
+    };
+    let passes: Vec<String> = app
+        .sub_app_mut(RenderApp)
+        .world_mut()
+        .schedule_scope(Core3d, |world, schedule| {
+            schedule.initialize(world).unwrap();
+            let systems = schedule.systems().unwrap();
+            systems.map(|(_, system)| system.name().to_string()).collect()
+        });
+    let place = |name: &str| {
+        let is_it = |pass: &String| pass.rsplit("::").next() == Some(name);
+        passes.iter().position(is_it)
+    };
+    let mut wrong = Vec::new();
+    for pair in chains.iter().flat_map(|chain| chain.windows(2)) {
+        if place(pair[0])
+            .zip(place(pair[1]))
+            .is_none_or(|(first, then)| first > then)
+        {
+            wrong.push(pair);
+        }
+    }
+    assert!(wrong.is_empty(), "not in this order: {wrong:?} of {passes:#?}");
+}
+
 /// Pairs of systems with an undefined order, and the data that both touch, by schedule.
 fn ambiguities(add: impl FnOnce(&mut App)) -> Option<HashMap<(bool, InternedScheduleLabel), Vec<String>>> {
-    let mut app = App::new();
-    app.add_plugins(
-        DefaultPlugins
-            .set(RenderPlugin {
-                synchronous_pipeline_compilation: true,
-                ..default()
-            })
-            .disable::<PipelinedRenderingPlugin>()
-            .disable::<bevy::winit::WinitPlugin>()
-            .disable::<bevy::log::LogPlugin>()
-            .disable::<bevy::app::TerminalCtrlCHandlerPlugin>(),
-    );
-    add(&mut app);
-    while app.plugins_state() == bevy::app::PluginsState::Adding {
-        bevy::tasks::tick_global_task_pools_on_main_thread();
-    }
-    app.finish();
-    app.cleanup();
-    if app.get_sub_app(RenderApp).is_none_or(|render| {
-        !render
-            .world()
-            .contains_resource::<bevy::render::renderer::RenderDevice>()
-    }) {
-        assert!(
-            std::env::var_os("GLINT_REQUIRE_GPU").is_none(),
-            "a GPU is required, but there is none"
-        );
-        println!("skipped: no GPU");
-        return None;
-    }
+    let mut app = built(add)?;
     let mut pairs = HashMap::default();
-    app.sub_app_mut(RenderApp).init_resource::<MainWorld>();
     for in_render_world in [false, true] {
         let sub_app = if in_render_world {
             app.sub_app_mut(RenderApp)
@@ -264,4 +289,40 @@ fn ambiguities(add: impl FnOnce(&mut App)) -> Option<HashMap<(bool, InternedSche
         }
     }
     Some(pairs)
+}
+
+/// An app with a renderer, before its first frame.
+fn built(add: impl FnOnce(&mut App)) -> Option<App> {
+    let mut app = App::new();
+    app.add_plugins(
+        DefaultPlugins
+            .set(RenderPlugin {
+                synchronous_pipeline_compilation: true,
+                ..default()
+            })
+            .disable::<PipelinedRenderingPlugin>()
+            .disable::<bevy::winit::WinitPlugin>()
+            .disable::<bevy::log::LogPlugin>()
+            .disable::<bevy::app::TerminalCtrlCHandlerPlugin>(),
+    );
+    add(&mut app);
+    while app.plugins_state() == bevy::app::PluginsState::Adding {
+        bevy::tasks::tick_global_task_pools_on_main_thread();
+    }
+    app.finish();
+    app.cleanup();
+    if app.get_sub_app(RenderApp).is_none_or(|render| {
+        !render
+            .world()
+            .contains_resource::<bevy::render::renderer::RenderDevice>()
+    }) {
+        assert!(
+            std::env::var_os("GLINT_REQUIRE_GPU").is_none(),
+            "a GPU is required, but there is none"
+        );
+        println!("skipped: no GPU");
+        return None;
+    }
+    app.sub_app_mut(RenderApp).init_resource::<MainWorld>();
+    Some(app)
 }
