@@ -378,6 +378,43 @@ mod tests {
         assert_eq!(probe(place, &falloff, 1.0, None, [AssetId::default(); 2]), None);
     }
 
+    /// A probe that no active camera is near isn't among the nearest.
+    #[test]
+    fn inactive_cameras_choose_no_probes() {
+        let mut world = World::new();
+        world.init_resource::<ExtractedLightProbes>();
+        let mut spawn_probe = |x: f32| {
+            let place = GlobalTransform::from_xyz(x, 0.0, 0.0);
+            let light = EnvironmentMapLight {
+                intensity: x,
+                ..Default::default()
+            };
+            world.spawn((place, LightProbe::default(), light, InheritedVisibility::VISIBLE));
+        };
+        (0..MAX_PROBES).for_each(|index| spawn_probe(index as f32));
+        spawn_probe(1_000.0);
+        let mut spawn_camera = |x: f32, is_active: bool| {
+            let camera = Camera {
+                is_active,
+                ..Default::default()
+            };
+            let place = GlobalTransform::from_xyz(x, 0.0, 0.0);
+            world.spawn((camera, place, RayTracedReflections::default())).id()
+        };
+        spawn_camera(0.0, true);
+        let other = spawn_camera(1_000.0, false);
+        for is_active in [false, true] {
+            world.get_mut::<Camera>(other).unwrap().is_active = is_active;
+            let extract = |probes: ProbeWorld, extracted: ResMut<ExtractedLightProbes>| {
+                extract_light_probes(&probes, true, extracted);
+            };
+            world.run_system_cached(extract).unwrap();
+            let kept = &world.resource::<ExtractedLightProbes>().reflection_probes;
+            assert_eq!(kept.len(), MAX_PROBES);
+            assert_eq!(kept.iter().any(|probe| probe.data.intensity == 1_000.0), is_active);
+        }
+    }
+
     #[test]
     fn points_come_into_the_space_of_a_probe() {
         let place = Affine3A::from_scale_rotation_translation(Vec3::new(2.0, 4.0, 8.0), Default::default(), Vec3::X);

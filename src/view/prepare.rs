@@ -293,3 +293,20 @@ pub(super) fn publish_memory(
         });
     status.update(|report| report.view_memory = view_memory.collect());
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::device::REFUSED_FRAMES;
+
+    #[test]
+    fn refused_views_are_forgotten() {
+        let mut refused = RefusedViews::default();
+        let view = Entity::from_raw_u32(7).unwrap();
+        refused.note(view);
+        (1..REFUSED_FRAMES).for_each(|_| refused.begin_frame());
+        assert!(refused.contains(view));
+        refused.begin_frame();
+        assert!(refused.views.is_empty(), "the camera might be gone");
+    }
+}

@@ -6,8 +6,8 @@ use crate::{
     common::app,
     pictures::{differing_pixels, red_pixels, warm_up},
     stage::{
-        BEFORE_THE_MIRROR, RED, SIZE, frame, metal, report, share_app, spawn_camera, spawn_mesh, unlit, until_at_rest,
-        wall,
+        BEFORE_THE_MIRROR, RED, SIZE, clear_glass, frame, layer_bytes, metal, report, share_app, spawn_camera,
+        spawn_mesh, unlit, until_at_rest, wall,
     },
 };
 use bevy::prelude::*;
@@ -70,6 +70,8 @@ fn cameras_come_and_go() {
         a_reset_is_not_put_off_by_pipelines,
         images_of_rates_can_take_turns,
         cameras_that_reflect_later_have_the_hook_already,
+        the_report_names_cameras_that_exist,
+        a_front_layer_outlives_its_glass,
     ]);
 }
 
@@ -223,6 +225,11 @@ fn a_reset_is_not_put_off_by_pipelines(app: &mut HeadlessApp, tracer: Reflection
     settings.reset = true;
     app.step(1);
     assert!(!report(app).ready, "{tracer:?}: pipelines that nothing has used yet");
+    let picture = app.capture().unwrap();
+    let dark = picture
+        .chunks_exact(4)
+        .filter(|pixel| pixel[..3].iter().all(|channel| *channel < 90));
+    assert_eq!(dark.count(), 0, "{tracer:?}: the environment map is back");
     let settings = app.world().get::<RayTracedReflections>(camera).unwrap();
     assert!(
         !settings.reset,
@@ -281,6 +288,49 @@ fn cameras_that_reflect_later_have_the_hook_already(app: &mut HeadlessApp, trace
     }
 }
 
+fn the_report_names_cameras_that_exist(app: &mut HeadlessApp, tracer: ReflectionTracerChoice) {
+    spawn_scene(app);
+    let first = spawn_reflecting(app);
+    warm_up(app);
+    let cameras = |app: &mut HeadlessApp| -> Vec<Entity> {
+        let views = report(app).view_memory.into_iter();
+        views.map(|view| view.camera).collect()
+    };
+    assert_eq!(cameras(app), [first], "{tracer:?}");
+    // The other one takes as much memory.
+    app.world().despawn(first);
+    let second = spawn_reflecting(app);
+    (0..2).for_each(|_| frame(app));
+    assert_eq!(cameras(app), [second], "{tracer:?}");
+}
+
+fn a_front_layer_outlives_its_glass(app: &mut HeadlessApp, tracer: ReflectionTracerChoice) {
+    retain(app, FOREVER);
+    spawn_scene(app);
+    spawn_reflecting(app);
+    let seen = Transform::from_xyz(0.0, 0.0, 1.0);
+    let glass = spawn_mesh(app, Rectangle::new(1.0, 4.0), clear_glass(), seen);
+    warm_up(app);
+    (0..4).for_each(|_| frame(app));
+    let bytes = layer_bytes(app);
+    assert!(bytes > 0, "{tracer:?}");
+    let is_seen = |app: &mut HeadlessApp, is_seen: bool| {
+        let beside = Transform::from_xyz(2.0, 500.0, 1.0);
+        app.world()
+            .entity_mut(glass)
+            .insert(if is_seen { seen } else { beside });
+        (0..8).for_each(|_| frame(app));
+        layer_bytes(app)
+    };
+    assert_eq!(
+        [false, true, false].map(|seen| is_seen(app, seen)),
+        [bytes; 3],
+        "{tracer:?}"
+    );
+    retain(app, ReflectionRetention(Duration::ZERO));
+    assert_eq!([false, true].map(|seen| is_seen(app, seen)), [0, bytes], "{tracer:?}");
+}
+
 /// Waits until a mirror shows everything. Returns the number of frames after the first one, and the milliseconds of the longest.
 fn until_whole(app: &mut HeadlessApp, meshes: usize) -> (u32, f64) {
     let mut longest = 0.0_f64;
@@ -323,18 +373,30 @@ fn a_pause_of_a_large_scene_costs_nothing() {
         "{} triangles at rest after {seconds:.1} s",
         report(app).merged_triangles
     );
-    for (name, retention) in [
-        ("a frame", FOREVER),
-        ("longer than the retention", ReflectionRetention(Duration::ZERO)),
+    for (name, pause, retention) in [
+        ("a frame", Duration::ZERO, FOREVER),
+        ("ten seconds", Duration::from_secs(10), FOREVER),
+        (
+            "ten seconds",
+            Duration::from_secs(10),
+            ReflectionRetention(Duration::from_secs(5)),
+        ),
     ] {
         retain(app, retention);
         activate(app, camera, false);
-        (0..3).for_each(|_| frame(app));
+        let paused = Instant::now();
+        frame(app);
+        while paused.elapsed() < pause {
+            std::thread::sleep(Duration::from_millis(50));
+            frame(app);
+        }
         activate(app, camera, true);
         let (start, (frames, longest)) = (Instant::now(), until_whole(app, MESHES + 1));
         let seconds = start.elapsed().as_secs_f64();
         println!(
-            "a pause of {name}: whole after {frames} more frames and {seconds:.2} s, longest frame {longest:.1} ms"
+            "a pause of {name}, retention {:?}: whole after {frames} more frames and {seconds:.2} s, longest frame \
+             {longest:.1} ms",
+            retention.0
         );
         app.step(1);
         assert_eq!(red(app), expected, "{name}");

@@ -1,17 +1,26 @@
-//! Random lives of two cameras before a mirror: they come and go, change their settings, sizes and targets, and jump.
+//! Random lives of two cameras before a mirror: they come and go, change their settings, sizes and targets, and jump. The mirror shows
+//! boxes and a character, which bends its arm.
 //!
 //! In each frame, what was shown must still be shown, and no pixel may be dark. A pause builds nothing again. At the end of a life, images
 //! without noise must be those of new textures; back in the first state, the image must be that of a new app, and the memory that of one
-//! camera. `GLINT_SEED=7` begins with that life, and `GLINT_LIVES=500` makes the long test live that many.
+//! camera. No warning comes twice in all lives. `GLINT_SEED=7` begins with that life, and `GLINT_LIVES=500` makes the long test live that many.
 
 use super::{FOREVER, plain, spawn_reflecting, spawn_scene};
 use crate::{
     common::app,
     pictures::{any_tracer, differing_pixels, red_pixels, warm_up},
-    stage::{BEFORE_THE_MIRROR, clear_glass, frame, report, spawn_camera, spawn_mesh},
+    poses::{ELBOW, arm, spawn_arm},
+    stage::{BEFORE_THE_MIRROR, RED, clear_glass, frame, report, spawn_camera, spawn_mesh, unlit},
 };
 use bevy::{
     camera::{MainPassResolutionOverride, RenderTarget, Viewport},
+    log::{
+        tracing::{Event, Level, Subscriber, field::Field, field::Visit, subscriber},
+        tracing_subscriber::{
+            layer::{Context, Layer, SubscriberExt},
+            registry,
+        },
+    },
     math::{URect, UVec2},
     pbr::{DistanceFog, FogFalloff},
     prelude::*,
@@ -21,8 +30,9 @@ use bevy_glint::{
     RayTracedReflections, ReflectionDenoiser, ReflectionQuality, ReflectionRetention, ReflectionTechnique,
     ReflectionTracerChoice, ReflectionsOff,
 };
-use core::time::Duration;
-use glint_scenes::{HeadlessApp, Output, Random, SceneName};
+use core::{fmt, time::Duration};
+use glint_scenes::{HeadlessApp, Output, Random, SceneName, is_alone};
+use std::sync::{Mutex, PoisonError};
 
 const SIZE: UVec2 = UVec2::new(96, 64);
 /// Sizes of the other targets.
@@ -46,7 +56,10 @@ enum Act {
     Override(usize, Option<UVec2>),
     /// The viewport slides.
     Slide(usize),
-    Retarget(usize),
+    /// The second camera draws into another target.
+    Retarget,
+    /// The character bends its arm by this angle.
+    Bend(f32),
     /// No camera is active for some frames.
     Pause(u32),
     /// No camera is active for longer than the scene is retained.
@@ -67,7 +80,7 @@ impl Act {
             let from = random.below(full as usize / 3) as u32;
             (from, from + full / 2 + random.below((full / 2 - from) as usize) as u32)
         };
-        match random.below(17) {
+        match random.below(18) {
             0 | 1 => Self::Activate(camera, random.chance(0.6)),
             2 => Self::Swap,
             3 | 4 => Self::Insert(camera, random.below(SETTINGS.len())),
@@ -91,12 +104,13 @@ impl Act {
                 Self::Override(camera, random.chance(0.7).then_some(inside))
             }
             9 => Self::Slide(camera),
-            10 => Self::Retarget(camera),
+            10 => Self::Retarget,
             11 => Self::Pause(1 + random.below(4) as u32),
             12 => Self::LongPause,
             13 => Self::Teleport(camera, random.range(-1.5, 1.5)),
             14 => Self::Fog(camera, random.chance(0.5)),
             15 => Self::Glass(random.chance(0.5)),
+            16 => Self::Bend(random.range(-1.5, 1.5)),
             _ => Self::Wait,
         }
     }
@@ -130,6 +144,8 @@ struct Life {
     /// A camera has shown reflections, and nothing happened since then that can take them away.
     shows: [bool; 2],
     glass: Option<Entity>,
+    /// The upper joint of the character's arm.
+    elbow: Entity,
 }
 
 impl Life {
@@ -142,13 +158,16 @@ impl Life {
         let first = spawn_reflecting(app);
         let second = spawn_camera(app, BEFORE_THE_MIRROR, SceneName::Furnace);
         app.world().entity_mut(second).insert(targets[1].clone());
+        let elbow = spawn_arm(app, arm(), unlit(RED)).joints[1];
         let mut life = Self {
             cameras: [first, second],
             targets,
             drawn_into: [0, 1],
             shows: [false; 2],
             glass: None,
+            elbow,
         };
+        life.bend(app, 0.0);
         life.activate(app, 1, false);
         life
     }
@@ -163,6 +182,11 @@ impl Life {
 
     fn activate(&mut self, app: &mut HeadlessApp, camera: usize, active: bool) {
         super::activate(app, self.cameras[camera], active);
+    }
+
+    fn bend(&mut self, app: &mut HeadlessApp, angle: f32) {
+        let bent = Transform::from_translation(ELBOW).with_rotation(Quat::from_rotation_z(angle));
+        app.world().entity_mut(self.elbow).insert(bent);
     }
 
     fn has_settings(&self, app: &mut HeadlessApp, camera: usize) -> bool {
@@ -255,11 +279,12 @@ impl Life {
                     self.frame(app)?;
                 }
             }
-            Act::Retarget(camera) if camera == 1 => {
+            Act::Bend(angle) => self.bend(app, angle),
+            Act::Retarget => {
                 self.drawn_into[1] = 3 - self.drawn_into[1];
                 let target = self.targets[self.drawn_into[1]].clone();
-                self.set_viewport(app, camera, None);
-                let mut camera = app.world().entity_mut(self.cameras[camera]);
+                self.set_viewport(app, 1, None);
+                let mut camera = app.world().entity_mut(self.cameras[1]);
                 camera.insert(target);
                 // Bevy 0.20 doesn't notice another target: the camera would keep the size of the last one.
                 camera.get_mut::<Projection>().unwrap().set_changed();
@@ -392,6 +417,7 @@ impl Life {
         }
         self.compare(app)?;
         self.act(app, Act::Glass(false))?;
+        self.act(app, Act::Bend(0.0))?;
         for camera in 0..2 {
             self.set_override(app, camera, None);
             self.set_viewport(app, camera, None);
@@ -454,8 +480,42 @@ impl Expected {
     }
 }
 
-/// Lives this number of lives with each tracer.
-fn live(lives: u64) {
+/// Warnings and errors of the plugin.
+static LOG: Mutex<Vec<String>> = Mutex::new(Vec::new());
+
+struct KeepLog;
+
+impl<S: Subscriber> Layer<S> for KeepLog {
+    fn on_event(&self, event: &Event, _: Context<S>) {
+        let metadata = event.metadata();
+        if *metadata.level() <= Level::WARN && metadata.target().starts_with("bevy_glint") {
+            let mut message = Message::default();
+            event.record(&mut message);
+            LOG.lock().unwrap_or_else(PoisonError::into_inner).push(message.0);
+        }
+    }
+}
+
+#[derive(Default)]
+struct Message(String);
+
+impl Visit for Message {
+    fn record_debug(&mut self, field: &Field, value: &dyn fmt::Debug) {
+        if field.name() == "message" {
+            self.0 = format!("{value:?}");
+        }
+    }
+}
+
+/// Lives this number of lives with each tracer, as the test of this name.
+fn live(test: &str, lives: u64) {
+    // The log is that of the process.
+    if !is_alone(&format!("lives::random::{test}")) {
+        return;
+    }
+    subscriber::set_global_default(registry().with(KeepLog)).unwrap();
+    warn!(target: "bevy_glint", "heard");
+    assert_eq!(core::mem::take(&mut *LOG.lock().unwrap()), ["heard"]);
     let seed = std::env::var("GLINT_SEED").ok().and_then(|seed| seed.parse().ok());
     let first = seed.unwrap_or(1_u64);
     for tracer in any_tracer() {
@@ -478,6 +538,12 @@ fn live(lives: u64) {
             println!("{tracer}: {lives} lives, {} pipelines", Expected::of(app).pipelines);
         }
         assert!(failures.is_empty(), "{tracer}: {failures:#?}");
+        drop(theatre);
+        let mut log = core::mem::take(&mut *LOG.lock().unwrap());
+        println!("{tracer}: {} warnings: {log:#?}", log.len());
+        log.sort();
+        let repeated: Vec<_> = log.windows(2).filter(|pair| pair[0] == pair[1]).collect();
+        assert!(repeated.is_empty(), "{tracer}: said more than once: {repeated:#?}");
     }
 }
 
@@ -495,11 +561,12 @@ fn begin(tracer: ReflectionTracerChoice) -> Option<(HeadlessApp, Life, Expected)
 
 #[test]
 fn random_lives_lose_nothing() {
-    live(10);
+    live("random_lives_lose_nothing", 7);
 }
 
 #[test]
 #[ignore = "long: a hundred lives"]
 fn many_random_lives_lose_nothing() {
-    live(std::env::var("GLINT_LIVES").map_or(100, |lives| lives.parse().unwrap()));
+    let lives = std::env::var("GLINT_LIVES").map_or(100, |lives| lives.parse().unwrap());
+    live("many_random_lives_lose_nothing", lives);
 }
