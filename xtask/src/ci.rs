@@ -131,16 +131,13 @@ impl Checks {
 fn foreign_compilers(checks: &mut Checks, start: Instant) {
     checks.run_prepared(translations::WGSL, Tint::prepare(), |tint| tint.judge());
     checks.run_prepared(translations::HLSL, RoundTrip::prepare(), |trip| trip.judge(false));
-    // A report: AMD's compiler crashes at random on some shaders, so a failure says little about a change.
-    const NAME: &str = "shaders for AMD's GPUs";
-    match time_before(LONG_LIMIT, start.elapsed()).and_then(|()| isa::prepare()) {
-        Ok(compilers) => {
-            if let Err(error) = checks.times.step(NAME, || isa::judge(&compilers, false, false)) {
-                progress::note(format_args!("{error:#}"));
-            }
-        }
-        Err(reason) => checks.skip(NAME, &format!("{reason:#}")),
-    }
+    let compilers = time_before(LONG_LIMIT, start.elapsed()).and_then(|()| isa::prepare());
+    checks.run_prepared("shaders for AMD's GPUs", compilers, |compilers| {
+        // Figures are a report: whoever changes a shader weighs them.
+        let changes = isa::judge(&compilers, false, false)?;
+        changes.iter().for_each(progress::note);
+        Ok(())
+    });
 }
 
 /// Opens the page in a browser, if there is a browser and enough time.

@@ -52,7 +52,13 @@ pub fn run(options: &Options) -> Result<()> {
         progress::step("translate the shaders", translations::translate)?;
     }
     progress::step("compile for AMD's GPUs", || {
-        judge(&compilers, options.all, options.accept)
+        let changes = judge(&compilers, options.all, options.accept)?;
+        ensure!(
+            changes.is_empty(),
+            "{}\n`cargo xtask isa --accept` writes {FILE} anew: commit it if these are worth it",
+            changes.join("\n")
+        );
+        Ok(())
     })
 }
 
@@ -76,10 +82,13 @@ pub fn prepare() -> Result<Vec<Compiler>> {
     Ok(compilers)
 }
 
-/// Compiles the translated shaders. Fails if a pipeline can't be compiled, uses memory for registers, or differs from the file.
+/// Compiles the translated shaders. Returns the differences from the file, and pipelines that use memory for registers.
 ///
 /// The first GPU gets all pipelines. The others get the pipelines of the file unless `all` is on.
-pub fn judge(compilers: &[Compiler], all: bool, accept: bool) -> Result<()> {
+///
+/// # Errors
+/// If a pipeline can't be compiled.
+pub fn judge(compilers: &[Compiler], all: bool, accept: bool) -> Result<Vec<String>> {
     let folder = translations::temporary_folder()?;
     let pipelines = pipelines(&folder.join(TRANSLATED))?;
     let (of, file) = figures::from_text(&fs::read_to_string(cargo::workspace_root().join(FILE))?)?;
@@ -116,24 +125,19 @@ pub fn judge(compilers: &[Compiler], all: bool, accept: bool) -> Result<()> {
         found.values().filter(|figures| figures.spills()).count(),
         folder.join(ALL).display()
     ));
+    ensure!(failures.is_empty(), "{}", failures.join("\n"));
+    let mut changes = Vec::new();
     if accept {
         found.retain(|(name, _), figures| is_preset(name) || figures.spills());
         fs::write(cargo::workspace_root().join(FILE), figures::to_text(&driver, &found))?;
     } else if of == driver {
-        let changes = figures::changes(&file, &found);
-        if !changes.is_empty() {
-            failures.extend(changes);
-            failures.push(format!(
-                "`cargo xtask isa --accept` writes {FILE} anew: commit it if these are worth it"
-            ));
-        }
+        changes = figures::changes(&file, &found);
     } else {
         progress::note(format_args!(
             "{FILE} is of {of}, this is {driver}: figures aren't compared"
         ));
     }
-    ensure!(failures.is_empty(), "{}", failures.join("\n"));
-    Ok(())
+    Ok(changes)
 }
 
 fn is_preset(name: &str) -> bool {
