@@ -9,6 +9,8 @@ use crate::progress;
 
 /// The folder of these results.
 const FOLDER: &str = "docs/evaluation";
+/// The table of a run of held-out scenes, which has its own page.
+const HELD_OUT: &str = "held_out.md";
 /// The page with all techniques.
 const PAGE: &str = "docs/performance.md";
 /// The page with only the presets.
@@ -21,9 +23,16 @@ const PRESETS: [(&str, &str); 4] = [
     ("ultra", "1"),
 ];
 
-/// Copies the summary, the table and the charts of a folder of results into the repository, and updates the tables of its pages.
+/// Copies the summary, the table and the charts of a folder of results into the repository, and updates the tables of its pages. Copies
+/// only the table of held-out scenes if the folder has one.
 pub fn publish(out: &Path, root: &Path) -> Result<()> {
     let named = |file: &Path| file.display().to_string();
+    if out.join(HELD_OUT).exists() {
+        let to = root.join(FOLDER).join(HELD_OUT);
+        fs::copy(out.join(HELD_OUT), &to).with_context(|| named(&to))?;
+        progress::note(to.display());
+        return Ok(());
+    }
     let read = |file: &Path| fs::read_to_string(file).with_context(|| named(file));
     let tables = read(&out.join("readme.md"))?;
     let pages = [
@@ -174,5 +183,14 @@ mod tests {
         }
         assert!(!root.join(FOLDER).join("charts/atrium.picture.png").exists());
         assert!(publish(&root, &root).is_err(), "there are no results");
+        // Held-out scenes leave the other results alone.
+        fs::write(out.join(HELD_OUT), "held out").unwrap();
+        fs::write(out.join("summary.md"), "of held-out scenes").unwrap();
+        publish(&out, &root).unwrap();
+        let published = |file| fs::read_to_string(root.join(FOLDER).join(file)).unwrap();
+        assert_eq!(
+            (published(HELD_OUT), published("summary.md")),
+            ("held out".into(), "summary".into())
+        );
     }
 }
