@@ -2,8 +2,9 @@
 
 use super::gpu_types::{MATERIAL_FADES, MATERIAL_SEE_THROUGH, OPAQUE_DEPTH};
 use bevy::{
-    color::LinearRgba,
+    color::{ColorToComponents, LinearRgba},
     ecs::entity::{Entity, EntityHashMap},
+    math::Vec3,
     pbr::StandardMaterial,
     prelude::AlphaMode,
 };
@@ -12,21 +13,35 @@ use std::collections::{BTreeMap, BTreeSet};
 /// Minimum probability that a ray stops at refracting glass. Rays that are followed through layers need to find the glass, and stop at
 /// surfaces with more than `LEAST_SHARE` of `transparency.wesl`. Stochastic rays lose this fraction of the light behind it.
 const LEAST_STOPPED: f32 = 1.0 / 512.0;
+/// The same for glass that emits light, which is brighter by the inverse where rays stop. A lower value adds noise in rough reflections.
+const LEAST_STOPPED_BY_LIGHT: f32 = 1.0 / 64.0;
 
 /// The probability that a ray stops at an alpha of 1; `None` for materials without stochastic transparency.
 pub(super) fn stop_probability(material: &StandardMaterial) -> Option<f32> {
-    let least = if refracts(material) { LEAST_STOPPED } else { 0.0 };
+    let least = if material.emissive.to_vec3() != Vec3::ZERO {
+        LEAST_STOPPED_BY_LIGHT
+    } else if refracts(material) {
+        LEAST_STOPPED
+    } else {
+        0.0
+    };
     let stopped = (1.0 - transmission(material)).max(least);
     match material.alpha_mode {
         AlphaMode::Mask(_) | AlphaMode::AlphaToCoverage => None,
-        AlphaMode::Opaque => (stopped < 1.0).then_some(stopped),
+        // Unlit glass stops all light, but like glass it has no haze.
+        AlphaMode::Opaque => (material.specular_transmission > 0.0).then_some(stopped),
         _ => Some(stopped),
     }
 }
 
+/// Factor on the emission: glass emits all of it, and shows no more of it than the fraction of rays that stop.
+pub(super) fn emission_scale(material: &StandardMaterial) -> f32 {
+    1.0 / stop_probability(material).map_or(1.0, |stopped| stopped.max(LEAST_STOPPED_BY_LIGHT))
+}
+
 fn transmission(material: &StandardMaterial) -> f32 {
     let transmission = material.specular_transmission;
-    if transmission.is_finite() {
+    if transmission.is_finite() && !material.unlit {
         transmission.clamp(0.0, 1.0)
     } else {
         0.0

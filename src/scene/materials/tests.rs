@@ -206,6 +206,31 @@ fn a_table_knows_whether_light_comes_through_any_material() {
     assert_eq!(pack_material(&blended).emissive[3], 0.75, "Bevy draws it forward");
 }
 
+/// The fraction of rays that stop shows the fraction of light that is stopped, and all of the emission.
+#[test]
+fn glass_emits_all_of_its_light() {
+    for (specular_transmission, emissive, stopped) in [
+        (0.0, 0.5, None),
+        (0.75, 0.5, Some(0.25)),
+        (1.0, 0.5, Some(1.0 / 64.0)),
+        (1.0, 0.0, Some(0.0)),
+    ] {
+        let packed = pack_material(&StandardMaterial {
+            specular_transmission,
+            emissive: LinearRgba::rgb(emissive, 0.0, 0.0),
+            ..Default::default()
+        });
+        assert_eq!(packed.stop_probability, stopped.unwrap_or(-1.0));
+        assert_eq!(packed.emissive[0] * stopped.unwrap_or(1.0), emissive);
+    }
+    let unlit = StandardMaterial {
+        specular_transmission: 0.75,
+        unlit: true,
+        ..Default::default()
+    };
+    assert_eq!(pack_material(&unlit).stop_probability, 1.0, "nothing is behind it");
+}
+
 /// Materials, and the images that they wait for.
 struct Tables {
     assets: MaterialAssets,

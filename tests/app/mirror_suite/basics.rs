@@ -5,7 +5,7 @@ use crate::stage::unlit;
 use bevy::{camera::visibility::RenderLayers, pbr::ScreenSpaceTransmission, prelude::*, render::render_resource::Face};
 use bevy_glint::ReflectionTechnique;
 
-pub(super) const ROWS: [Row; 29] = [
+pub(super) const ROWS: [Row; 31] = [
     ("unlit", |stage| stage.spawn(StandardMaterial { unlit: true, ..blue() })),
     ("directional light", |stage| stage.light_and_spawn(blue())),
     ("shadow of a directional light", |stage| {
@@ -164,6 +164,28 @@ pub(super) const ROWS: [Row; 29] = [
             specular_transmission: 1.0,
             perceptual_roughness: 0.0,
             reflectance: 0.0,
+            ..blue()
+        });
+    }),
+    ("unlit glass, which is opaque", |stage| {
+        stage.dress(ScreenSpaceTransmission::default());
+        stage.light_and_spawn(StandardMaterial {
+            specular_transmission: 0.6,
+            unlit: true,
+            ..blue()
+        });
+    }),
+    ("glass that emits light", |stage| {
+        // Rays that pass it by chance see its light as noise.
+        stage.technique = ReflectionTechnique::Quarter;
+        stage.own_rays = true;
+        stage.dress(ScreenSpaceTransmission::default());
+        stage.light_and_spawn(StandardMaterial {
+            base_color: Color::linear_rgb(0.9, 0.8, 0.6),
+            specular_transmission: 0.8,
+            perceptual_roughness: 0.0,
+            reflectance: 0.0,
+            emissive: LinearRgba::rgb(0.05, 0.2, 0.3),
             ..blue()
         });
     }),
