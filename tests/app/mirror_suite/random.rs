@@ -12,10 +12,10 @@ use crate::{
     stage::spawn_mesh,
 };
 use bevy::{
-    light::ClusteredDecal, material::OpaqueRendererMethod, prelude::*, reflect::structs::Struct,
-    render::render_resource::Face,
+    light::ClusteredDecal, material::OpaqueRendererMethod, pbr::ScreenSpaceTransmission, prelude::*,
+    reflect::structs::Struct, render::render_resource::Face,
 };
-use fields::{FIELDS, Images, Vary};
+use fields::{FIELDS, Images, NEEDS, Vary};
 use glint_scenes::{HeadlessApp, Output, Random};
 use lights::add_lights;
 use objects::touch_morphed_meshes;
@@ -52,11 +52,18 @@ impl Recipe {
             .filter(|&i| matches!(FIELDS[i].1, Vary::By(_)))
             .collect();
         let object = |random: &mut Random| {
-            let count = 1 + random.below(4);
+            let mut chosen: Vec<usize> = (0..=random.below(4)).map(|_| random.pick(&varied)).collect();
+            for place in 0..chosen.len() {
+                let name = FIELDS[chosen[place]].0;
+                for (_, needed) in NEEDS.iter().filter(|(dependent, _)| *dependent == name) {
+                    let needed = random.pick(needed);
+                    if random.chance(0.8) {
+                        chosen.extend(varied.iter().filter(|&&index| FIELDS[index].0 == needed));
+                    }
+                }
+            }
             Object {
-                varied: (0..count)
-                    .map(|_| (random.pick(&varied), u64::from(random.bits())))
-                    .collect(),
+                varied: chosen.iter().map(|&i| (i, u64::from(random.bits()))).collect(),
             }
         };
         let shape = random.below(3);
@@ -138,6 +145,19 @@ impl Recipe {
         if material.clearcoat > 0.0 {
             material.opaque_render_method = OpaqueRendererMethod::Deferred;
         }
+        if material.specular_transmission > 0.0 {
+            // Bevy's glass sees only what is opaque, blurs what is behind rough glass, and reflects.
+            material.alpha_mode = AlphaMode::Opaque;
+            material.diffuse_transmission = 0.0;
+            material.perceptual_roughness = 0.0;
+            material.reflectance = 0.0;
+            material.metallic = 0.0;
+            material.clearcoat = 0.0;
+            // No light is gained in reflected glass.
+            if self.objects.len() > 1 || self.varies("mesh: colours").is_some() {
+                material.specular_transmission = 0.0;
+            }
+        }
         if !matches!(material.alpha_mode, AlphaMode::Opaque) {
             // Bevy draws some such surfaces black, or the same on all faces of a box.
             material.diffuse_transmission = 0.0;
@@ -174,6 +194,7 @@ impl<'a> Theatre<'a> {
     fn compare(&mut self, recipes: &[Recipe], light: u64) -> (Vec<usize>, [Vec<u8>; 2]) {
         let stage = &mut self.stage;
         stage.show_layers();
+        stage.dress(ScreenSpaceTransmission::default());
         let mut random = Random::new(light);
         add_lights(stage, &mut random);
         stage.put(
@@ -233,7 +254,11 @@ impl<'a> Theatre<'a> {
             alpha_mode: AlphaMode::Mask(0.5),
             ..blue()
         };
-        for material in [blended, through] {
+        let glass = StandardMaterial {
+            specular_transmission: 1.0,
+            ..blue()
+        };
+        for material in [blended, through, glass] {
             self.stage.put(Rectangle::new(1.0, 1.0), material, far);
         }
         self.stage.add((ClusteredDecal::default(), far));

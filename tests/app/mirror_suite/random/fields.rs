@@ -23,7 +23,6 @@ pub enum Vary {
 }
 
 const TEXTURE: Vary = Vary::Not("the manual says that rays don't read this texture");
-const GLASS: Vary = Vary::Not("rows of the suite have glass: Bevy's image needs a component, and is blurred");
 const UNSUPPORTED: Vary = Vary::Not("the manual says that rays don't see the effect");
 
 /// All fields that reflection knows, and the one that it doesn't.
@@ -77,15 +76,27 @@ pub static FIELDS: [(&str, Vary); 76] = [
     ),
     ("diffuse_transmission_channel", TEXTURE),
     ("diffuse_transmission_texture", TEXTURE),
-    ("specular_transmission", GLASS),
-    ("specular_transmission_channel", GLASS),
-    ("specular_transmission_texture", GLASS),
-    ("thickness", GLASS),
-    ("thickness_channel", GLASS),
-    ("thickness_texture", GLASS),
-    ("ior", GLASS),
-    ("attenuation_distance", GLASS),
-    ("attenuation_color", GLASS),
+    (
+        "specular_transmission",
+        Vary::By(|m, r, _| m.specular_transmission = r.range(0.3, 1.0)),
+    ),
+    ("specular_transmission_channel", TEXTURE),
+    ("specular_transmission_texture", TEXTURE),
+    ("thickness", Vary::By(|m, r, _| m.thickness = r.range(0.0, 0.4))),
+    ("thickness_channel", TEXTURE),
+    ("thickness_texture", TEXTURE),
+    ("ior", Vary::By(|m, r, _| m.ior = r.range(1.0, 1.6))),
+    (
+        "attenuation_distance",
+        Vary::By(|m, r, _| m.attenuation_distance = r.range(0.1, 1.0)),
+    ),
+    (
+        "attenuation_color",
+        Vary::By(|m, r, _| {
+            m.attenuation_distance = m.attenuation_distance.min(1.0);
+            m.attenuation_color = color(r, 1.0, 1.0);
+        }),
+    ),
     (
         "normal_map_channel",
         Vary::By(|m, r, _| m.normal_map_channel = channel(r)),
@@ -202,6 +213,41 @@ pub static FIELDS: [(&str, Vary); 76] = [
     ("decal", Vary::By(|_, _, _| ())),
 ];
 
+/// Fields that change nothing alone, each with fields of which most scenes have one beside it.
+pub static NEEDS: [(&str, &[&str]); 22] = [
+    ("base_color_channel", &["base_color_texture"]),
+    ("base_color_channel", &["mesh: second UVs"]),
+    ("emissive_exposure_weight", &["emissive", "emissive_texture"]),
+    ("emissive_channel", &["emissive_texture"]),
+    ("emissive_channel", &["mesh: second UVs"]),
+    ("metallic_roughness_channel", &["metallic_roughness_texture"]),
+    ("metallic_roughness_channel", &["mesh: second UVs"]),
+    ("normal_map_channel", &["normal_map_texture", "flip_normal_map_y"]),
+    ("normal_map_channel", &["mesh: second UVs"]),
+    ("occlusion_channel", &["occlusion_texture"]),
+    ("occlusion_channel", &["mesh: second UVs"]),
+    (
+        "mesh: second UVs",
+        &["base_color_channel", "emissive_channel", "normal_map_channel"],
+    ),
+    ("clearcoat_perceptual_roughness", &["clearcoat"]),
+    ("thickness", &["specular_transmission"]),
+    ("ior", &["specular_transmission"]),
+    ("ior", &["thickness"]),
+    ("attenuation_distance", &["specular_transmission"]),
+    ("attenuation_distance", &["attenuation_color"]),
+    ("attenuation_color", &["specular_transmission"]),
+    (
+        "alpha_mode",
+        &["emissive", "metallic", "base_color_texture", "perceptual_roughness"],
+    ),
+    ("place: mirrored", &["normal_map_texture", "cull_mode", "double_sided"]),
+    (
+        "uv_transform",
+        &["base_color_texture", "normal_map_texture", "emissive_texture"],
+    ),
+];
+
 pub fn color(random: &mut Random, most: f32, alpha: f32) -> Color {
     let [red, green, blue] = [(); 3].map(|()| random.unit().powi(2) * most);
     Color::linear_rgba(red, green, blue, alpha)
@@ -227,6 +273,11 @@ fn all_fields_of_materials_vary_or_have_a_reason_not_to() {
     }
     let varied = |(_, vary): &&(&str, Vary)| matches!(vary, Vary::By(_));
     assert!(FIELDS.iter().filter(varied).count() > 30);
+    let is_varied = |name: &str| FIELDS.iter().filter(varied).any(|(known, _)| *known == name);
+    for (name, needed) in &NEEDS {
+        assert!(is_varied(name), "{name} doesn't vary");
+        assert!(needed.iter().all(|name| is_varied(name)), "{name} needs {needed:?}");
+    }
     assert!(
         FIELDS
             .iter()

@@ -5,7 +5,7 @@ use crate::mirror_suite::Stage;
 use bevy::{camera::visibility::RenderLayers, light::RectLight, prelude::*};
 use glint_scenes::Random;
 
-/// Sun, lamp and ambient light.
+/// Sun, lamps and ambient light.
 pub fn add_lights(stage: &mut Stage, random: &mut Random) {
     let sun = DirectionalLight {
         color: color(random, 1.0, 1.0).mix(&Color::WHITE, 0.5),
@@ -18,7 +18,9 @@ pub fn add_lights(stage: &mut Stage, random: &mut Random) {
     let layers = layers(random);
     let place = Transform::default().looking_to(direction, Vec3::Y);
     stage.add((sun, place, layers.clone()));
-    add_lamp(stage, random, layers);
+    for _ in 0..=random.below(3) {
+        add_lamp(stage, random, layers.clone());
+    }
     if random.chance(0.4) {
         stage.dress(AmbientLight {
             color: color(random, 1.0, 1.0).mix(&Color::WHITE, 0.5),

@@ -138,10 +138,9 @@ impl Recipe {
         let mut random = Random::new(self.varies("decal")?);
         // Decals don't stop rays.
         let is_see_through = |object| {
-            matches!(
-                self.material(object, images).alpha_mode,
-                AlphaMode::Blend | AlphaMode::Premultiplied
-            )
+            let material = self.material(object, images);
+            let is_blended = matches!(material.alpha_mode, AlphaMode::Blend | AlphaMode::Premultiplied);
+            is_blended || material.specular_transmission > 0.0
         };
         if self.objects.iter().any(is_see_through) {
             return None;
