@@ -28,7 +28,7 @@ use glint_scenes::{HeadlessApp, Output, SceneName, camera, environment, read_ima
 
 const SCENE: SceneName = SceneName::Demo;
 /// Neither even nor a multiple of the tiles.
-const SIZE: UVec2 = UVec2::new(201, 119);
+const SIZE: UVec2 = UVec2::new(137, 83);
 /// Trace pixels of a tile.
 const TILE: u32 = 16;
 
@@ -109,7 +109,7 @@ fn render_together(app: &mut HeadlessApp, viewers: &[Viewer]) {
         }
         app.step(4);
     }
-    app.step(3);
+    app.step(1);
 }
 
 fn active_backend(app: &mut HeadlessApp, viewer: &Viewer) -> Option<ReflectionBackend> {

@@ -160,8 +160,6 @@ fn what_is_gone_leaves_no_ghost() {
         return;
     };
     let camera = scene(&mut app, SceneName::EmissiveFloor);
-    switch(&mut app, camera, "vrs-combined");
-    app.step(32);
     let lights: Vec<Entity> = {
         let world = app.world();
         let mut query = world.query::<(Entity, &MeshMaterial3d<StandardMaterial>)>();

@@ -76,7 +76,7 @@ static LOOK: LazyLock<(UVec2, u32)> = LazyLock::new(|| {
     if is_gallery() {
         (UVec2::new(960, 540), 64)
     } else {
-        (UVec2::new(160, 90), 12)
+        (UVec2::new(128, 72), 8)
     }
 });
 
@@ -321,9 +321,9 @@ fn moving_objects() {
     example.assert_differs("half a second later", &half_a_second, &second, 5.0);
     example.press(KeyCode::Space);
     // The history still contains the objects that moved.
-    example.app.step(60);
+    example.app.step(75);
     let stopped = example.image("stopped");
-    example.app.step(30);
+    example.app.step(15);
     let later = example.image("later");
     // Only the noise of many small lamps is left.
     let noise = difference(&stopped, &later, 0..size().x);

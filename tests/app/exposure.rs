@@ -13,7 +13,7 @@ use glint_scenes::{HeadlessApp, Output, SceneName};
 /// EV100 in which the lit panel is about as bright as the unlit one.
 const BRIGHT: f32 = 10.0;
 /// Frames until histories have their full length.
-const SETTLE: u32 = 50;
+const SETTLE: u32 = 36;
 
 /// Mean light of the left half of the image, which reflects an unlit panel, and of the right half, with a sunlit one.
 fn halves(app: &mut HeadlessApp) -> [f32; 2] {

@@ -42,7 +42,7 @@ fn a_shift_of_the_origin_is_not_seen() {
     assert_flip("shifted-merged", SIZE, &before, &app.capture().unwrap(), 0.002);
 }
 
-/// Ten shifts, each while the last frames are still of use: a rough floor is denoised over frames.
+/// Four shifts, each while the last frames are still of use: a rough floor is denoised over frames.
 #[test]
 fn history_survives_shifts_of_the_origin() {
     let Some(mut app) = app(SIZE, Output::Linear, ReflectionTracerChoice::Bvh) else {
@@ -60,7 +60,7 @@ fn history_survives_shifts_of_the_origin() {
     let steady = error(&truth, &capture(&mut app, "steady"));
     let merged = until_at_rest(&mut app).merged_instances;
     assert!(merged > 0);
-    for round in 0..10 {
+    for round in 0..4 {
         shift(&mut app, if round % 2 == 0 { SHIFT } else { -SHIFT });
         app.step(1);
         let after = error(&truth, &capture(&mut app, "shifted"));

@@ -108,8 +108,8 @@ fn forward_surfaces_reflect_as_deferred_ones() {
             (SceneName::Furnace, Reference, gold(0.0), 4, 0.002),
             (SceneName::Furnace, Variable, gold(0.0), 4, 0.002),
             (SceneName::Furnace, Reference, masked.clone(), 4, 0.002),
-            (SceneName::Furnace, Converged, gold(0.5), 128, 0.002),
-            (SceneName::Furnace, Converged, plastic.clone(), 128, 0.002),
+            (SceneName::Furnace, Converged, gold(0.5), 24, 0.002),
+            (SceneName::Furnace, Converged, plastic.clone(), 24, 0.002),
         ] {
             let camera = spawn_camera(app, BEFORE_THE_MIRROR, surroundings);
             spawn_surroundings(app, Transform::IDENTITY);

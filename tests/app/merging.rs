@@ -7,13 +7,14 @@ use crate::{
 };
 use bevy::{
     asset::RenderAssetUsages,
+    camera::Viewport,
     image::ImageSampler,
-    math::Affine2,
+    math::{Affine2, UVec2},
     mesh::{UvChannel, VertexAttributeValues},
     prelude::*,
     render::render_resource::{Extent3d, TextureDimension, TextureFormat},
 };
-use bevy_glint::{RayTracedReflections, ReflectionTechnique, ReflectionTracerChoice};
+use bevy_glint::{RayTracedReflections, ReflectionStatusReport, ReflectionTechnique, ReflectionTracerChoice};
 use glint_scenes::{HeadlessApp, Output, SceneName};
 
 #[test]
@@ -23,7 +24,7 @@ fn merging_is_not_seen() {
     };
     let camera = spawn(&mut app, SceneName::MirrorRoom, ReflectionTechnique::Reference);
     let first = app.capture().unwrap();
-    let merged = until_at_rest(&mut app);
+    let merged = until_merged(&mut app);
     assert!(
         merged.instances > 1 && merged.merged_instances == merged.instances,
         "{merged:?}"
@@ -42,7 +43,7 @@ fn merging_is_not_seen() {
     app.step(3);
     assert_eq!(report(&mut app).merged_instances, 0, "the moved object is seen at once");
     let moved = app.capture().unwrap();
-    let again = until_at_rest(&mut app);
+    let again = until_merged(&mut app);
     assert_eq!(again.merged_instances, again.instances);
     assert_flip("merged-again", SIZE, &moved, &app.capture().unwrap(), 0.002);
 
@@ -51,7 +52,7 @@ fn merging_is_not_seen() {
     let gone = report(&mut app);
     assert_eq!((gone.merged_instances, gone.instances), (0, merged.instances - 1));
     let less = app.capture().unwrap();
-    until_at_rest(&mut app);
+    until_merged(&mut app);
     assert_flip("merged-less", SIZE, &less, &app.capture().unwrap(), 0.002);
 
     app.world().entity_mut(camera).remove::<RayTracedReflections>();
@@ -67,7 +68,7 @@ fn masked_objects_are_merged() {
         return;
     };
     spawn(&mut app, SceneName::MirrorRoom, ReflectionTechnique::Reference);
-    let solid = until_at_rest(&mut app);
+    let solid = until_merged(&mut app);
     let opaque = app.capture().unwrap();
 
     let world = app.world();
@@ -87,7 +88,7 @@ fn masked_objects_are_merged() {
     warm_up(&mut app);
     let single = app.capture().unwrap();
     assert_flip("masked", SIZE, &opaque, &single, 0.002);
-    let merged = until_at_rest(&mut app);
+    let merged = until_merged(&mut app);
     assert_eq!(merged.merged_instances, merged.instances);
     assert!(merged.merge_builds > solid.merge_builds, "{merged:?}");
     assert_flip("masked-merged", SIZE, &single, &app.capture().unwrap(), 0.002);
@@ -101,7 +102,7 @@ fn masked_objects_are_merged() {
     warm_up(&mut app);
     let cut_out = app.capture().unwrap();
     assert!(flip(SIZE, &opaque, &cut_out).0 > 0.01);
-    let merged = until_at_rest(&mut app);
+    let merged = until_merged(&mut app);
     assert_eq!(merged.merged_instances, merged.instances);
     assert_flip("masked-out-merged", SIZE, &cut_out, &app.capture().unwrap(), 0.002);
     for (entity, _) in &masked {
@@ -109,6 +110,28 @@ fn masked_objects_are_merged() {
     }
     warm_up(&mut app);
     assert_flip("masked-out", SIZE, &app.capture().unwrap(), &cut_out, 0.002);
+}
+
+/// Waits like [`until_at_rest`], with a view of few pixels: an object that has changed rests for hundreds of frames before it is merged.
+#[track_caller]
+fn until_merged(app: &mut HeadlessApp) -> ReflectionStatusReport {
+    let part = Viewport {
+        physical_size: UVec2::splat(16),
+        ..default()
+    };
+    set_viewport(app, Some(part));
+    until_at_rest(app);
+    set_viewport(app, None);
+    app.step(3);
+    report(app)
+}
+
+fn set_viewport(app: &mut HeadlessApp, viewport: Option<Viewport>) {
+    let world = app.world();
+    let mut cameras = world.query::<&mut Camera>();
+    for mut camera in cameras.iter_mut(world) {
+        camera.viewport.clone_from(&viewport);
+    }
 }
 
 fn picture(width: u32, height: u32, texels: Vec<u8>) -> Image {
@@ -197,7 +220,7 @@ fn micromaps_are_not_seen() {
         return;
     };
     spawn(&mut app, SceneName::MirrorRoom, ReflectionTechnique::Reference);
-    until_at_rest(&mut app);
+    until_merged(&mut app);
     let solid = app.capture().unwrap();
     let subject = Subject::new(&mut app);
     let disc = |hole: bool| {
@@ -214,7 +237,7 @@ fn micromaps_are_not_seen() {
     let expected = app.capture().unwrap();
     assert!(flip(SIZE, &solid, &expected).0 > 0.005, "a part is cut out");
     let before = report(&mut app);
-    let rested = until_at_rest(&mut app);
+    let rested = until_merged(&mut app);
     assert!(rested.micromap_builds > before.micromap_builds, "{rested:?}");
     assert_eq!(rested.merged_instances, rested.instances);
     assert_flip("micromaps", SIZE, &expected, &app.capture().unwrap(), 0.0005);
@@ -225,7 +248,7 @@ fn micromaps_are_not_seen() {
     warm_up(&mut app);
     let hole = app.capture().unwrap();
     assert!(flip(SIZE, &expected, &hole).0 > 0.005);
-    let again = until_at_rest(&mut app);
+    let again = until_merged(&mut app);
     assert!(again.micromap_builds > rested.micromap_builds, "{again:?}");
     assert_eq!(again.merged_instances, again.instances);
     assert_flip("micromaps-changed", SIZE, &hole, &app.capture().unwrap(), 0.0005);
@@ -239,7 +262,7 @@ fn cut_outs_follow_material_and_mesh() {
         return;
     };
     spawn(&mut app, SceneName::MirrorRoom, ReflectionTechnique::Reference);
-    until_at_rest(&mut app);
+    until_merged(&mut app);
     let solid = app.capture().unwrap();
     let subject = Subject::new(&mut app);
     let hide = |app: &mut HeadlessApp, visibility: Visibility| {
@@ -257,7 +280,7 @@ fn cut_outs_follow_material_and_mesh() {
     };
     // Each change waits longer, so this is checked where the masks themselves differ.
     let check_merged = |app: &mut HeadlessApp, what: &str, expected: &[u8]| {
-        let merged = until_at_rest(app);
+        let merged = until_merged(app);
         assert_eq!(merged.merged_instances, merged.instances, "{what}");
         assert_flip(what, SIZE, expected, &app.capture().unwrap(), 0.002);
     };

@@ -14,9 +14,9 @@ use bevy::{
 use bevy_glint::{RayTracedReflections, ReflectionTechnique, ReflectionTracerChoice};
 use glint_scenes::{HeadlessApp, Output, SceneName};
 
-const SIZE: UVec2 = UVec2::new(160, 96);
+const SIZE: UVec2 = UVec2::new(128, 80);
 /// A part of SIZE, and not a multiple of a tile.
-const SMALL: UVec2 = UVec2::new(112, 68);
+const SMALL: UVec2 = UVec2::new(90, 58);
 /// Frames between two steps.
 const EVERY: u32 = 4;
 /// Maximum error with a changing size, as a multiple of the error with a fixed one.
@@ -77,7 +77,7 @@ fn change_size(steps: u32) {
     let truths = sizes.map(|size| {
         resize(app, camera, size);
         reflect(app, camera, ReflectionTechnique::Converged);
-        app.step(150);
+        app.step(96);
         app.capture().unwrap()
     });
     for (technique, half_resolution) in [
@@ -94,7 +94,7 @@ fn change_size(steps: u32) {
         for (size, truth) in sizes.iter().zip(&truths) {
             resize(app, camera, *size);
             warm_up(app);
-            app.step(40);
+            app.step(34);
             for _ in 0..8 {
                 app.step(1);
                 fixed += error(&app.capture().unwrap(), truth) / 16.0;
@@ -126,16 +126,17 @@ fn change_size(steps: u32) {
 /// Like a window that is dragged, or a split screen that slides.
 #[test]
 fn a_viewport_that_grows_is_made_anew_a_few_times() {
-    let Some(mut app) = app(SIZE, Output::Picture, ReflectionTracerChoice::Bvh) else {
+    let size = UVec2::new(160, 96);
+    let Some(mut app) = app(size, Output::Picture, ReflectionTracerChoice::Bvh) else {
         return;
     };
     let app = &mut app;
     let camera = scene(app);
     app.world().entity_mut(camera).insert(RayTracedReflections::default());
     let mut sizes = Vec::new();
-    for width in (80..=SIZE.x).chain((100..SIZE.x).rev()) {
+    for width in (80..=size.x).chain((100..size.x).rev()) {
         app.world().get_mut::<Camera>(camera).unwrap().viewport = Some(Viewport {
-            physical_size: UVec2::new(width, SIZE.y),
+            physical_size: UVec2::new(width, size.y),
             ..default()
         });
         if width == 80 {

@@ -10,7 +10,7 @@ use crate::{
 use bevy::{
     asset::uuid_handle,
     camera::Exposure,
-    light::CascadeShadowConfigBuilder,
+    light::{CascadeShadowConfigBuilder, DirectionalLightShadowMap},
     prelude::*,
     render::{render_resource::AsBindGroup, settings::WgpuSettings},
     shader::{Shader, ShaderRef},
@@ -119,8 +119,9 @@ impl Stage {
     /// The image after some frames, without any earlier history.
     fn capture(&mut self, screen_traces: ScreenTraces) -> Vec<u8> {
         self.set(|settings| settings.screen_traces = screen_traces);
-        self.set(|settings| settings.reset = true);
-        self.app.step(3);
+        let mut settings = self.app.world().get_mut::<RayTracedReflections>(self.camera).unwrap();
+        settings.reset = true;
+        self.app.step(4);
         self.app.capture().unwrap()
     }
 
@@ -388,7 +389,8 @@ fn spawn_standard_scene(app: &mut HeadlessApp) -> Entity {
     }
     let wall = Transform::from_xyz(0.0, 1.5, -3.0);
     spawn_mesh(app, Cuboid::new(9.0, 3.0, 0.4), colored(0.7, 0.7, 0.75, 0.9), wall);
-    // The image uses shadow maps: here they are fine ones.
+    // The image uses shadow maps: here they are fine enough.
+    app.world().insert_resource(DirectionalLightShadowMap { size: 1024 });
     let shadows = CascadeShadowConfigBuilder {
         num_cascades: 1,
         maximum_distance: 14.0,
@@ -435,7 +437,7 @@ fn standard_scenes_stay_near_the_truth() {
             bounce_roughness_cutoff: 1.0,
             ..default()
         };
-        picture(settings, 128)
+        picture(settings, 96)
     };
     let truths = [1, 4].map(&mut truth);
     let mut errors = |screen_traces| {

@@ -7,6 +7,7 @@ mod reflected_light;
 use crate::{
     common::{app, app_with},
     pictures::{apps, apps_of_both, assert_flip, dump, flip, reflect, spawn, use_coarse_shadow_maps, warm_up},
+    stage::until_at_rest,
 };
 use bevy::{
     camera::Hdr,
@@ -151,15 +152,15 @@ fn a_white_furnace_stays_white() {
     let size = UVec2::new(180, 90);
     for (tracer, mut app) in apps_of_both(size, Output::Linear) {
         let camera = spawn(&mut app, SceneName::Furnace, ReflectionTechnique::Converged);
-        // Objects are merged meanwhile, and merging restarts the mean.
-        app.step(64);
+        // Merging restarts the mean.
+        until_at_rest(&mut app);
         let bounces = match tracer {
             ReflectionTracerChoice::RayQuery => &[1, 4][..],
             _ => &[1, 2, 4, 8],
         };
         for max_bounces in bounces {
             set_bounces(&mut app, camera, *max_bounces);
-            app.step(64);
+            app.step(16);
             assert_white(&app, &format!("{tracer:?}, {max_bounces} bounces"));
         }
     }
