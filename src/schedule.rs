@@ -57,7 +57,8 @@ pub enum ReflectionSystems {
     /// denoises, and adds reflections to the frame.
     Passes,
     /// In `Core3d`, within [`MainPass`](Core3dSystems::MainPass), after the opaque forward pass and before transmissive and transparent
-    /// ones: copies the frames of cameras with [`ScreenTraces`](crate::ScreenTraces).
+    /// ones: copies the frames of cameras with [`ScreenTraces`](crate::ScreenTraces). An app's own opaque pass belongs before this set:
+    /// without an order, systems that follow Bevy's opaque pass run after reflections on forward surfaces are added.
     KeepScreens,
     /// In `Core3d`, within [`MainPass`](Core3dSystems::MainPass), after the transparent pass and before volumetric fog, wireframes and
     /// post-processing: runs the passes for transparent surfaces, like [`Passes`](Self::Passes) for opaque ones.
@@ -66,8 +67,8 @@ pub enum ReflectionSystems {
     DebugViews,
 }
 
-/// In `Core3d`, after the opaque forward pass and before everything else that follows it: finds the surfaces of front layers, and runs the
-/// passes for opaque ones.
+/// In `Core3d`, after [`ReflectionSystems::KeepScreens`] and before the other passes that follow the opaque forward pass: finds the surfaces
+/// of front layers, and runs the passes for opaque ones.
 #[derive(SystemSet, Clone, Debug, PartialEq, Eq, Hash)]
 pub(crate) struct OpaqueLayerPasses;
 
@@ -138,7 +139,8 @@ impl Plugin for SchedulePlugin {
 /// Orders our passes and those that Bevy doesn't export, which no set contains.
 ///
 /// Forward surfaces get the same haze as deferred ones if their reflections are added before the pass of the atmosphere, and debug views
-/// are drawn over volumetric fog. What runs next to a known pass, in no order with ours, is such a pass, or one of the app's.
+/// are drawn over volumetric fog. Direct successors of a known pass that have no order with ours are such passes, or the
+/// app's.
 #[derive(Debug, Default)]
 struct UnnamedPasses {
     /// The systems of each set.

@@ -13,12 +13,13 @@ use std::collections::{BTreeMap, BTreeSet};
 /// Minimum probability that a ray stops at refracting glass. Rays that are followed through layers need to find the glass, and stop at
 /// surfaces with more than `LEAST_SHARE` of `transparency.wesl`. Stochastic rays lose this fraction of the light behind it.
 const LEAST_STOPPED: f32 = 1.0 / 512.0;
-/// The same for glass that emits light, which is brighter by the inverse where rays stop. A lower value adds noise in rough reflections.
+/// The same for glass that emits light, which is brighter by the inverse where rays stop. A lower value adds noise in rough reflections, and
+/// a higher one takes light from what is behind.
 const LEAST_STOPPED_BY_LIGHT: f32 = 1.0 / 64.0;
 
 /// The probability that a ray stops at an alpha of 1; `None` for materials without stochastic transparency.
 pub(super) fn stop_probability(material: &StandardMaterial) -> Option<f32> {
-    let least = if material.emissive.to_vec3() != Vec3::ZERO {
+    let least = if emits(material) {
         LEAST_STOPPED_BY_LIGHT
     } else if refracts(material) {
         LEAST_STOPPED
@@ -34,9 +35,8 @@ pub(super) fn stop_probability(material: &StandardMaterial) -> Option<f32> {
     }
 }
 
-/// Factor on the emission: glass emits all of it, and shows no more of it than the fraction of rays that stop.
-pub(super) fn emission_scale(material: &StandardMaterial) -> f32 {
-    1.0 / stop_probability(material).map_or(1.0, |stopped| stopped.max(LEAST_STOPPED_BY_LIGHT))
+fn emits(material: &StandardMaterial) -> bool {
+    material.emissive.to_vec3() != Vec3::ZERO
 }
 
 fn transmission(material: &StandardMaterial) -> f32 {
@@ -89,12 +89,12 @@ pub(super) fn see_through_flags(material: &StandardMaterial) -> u32 {
     }
 }
 
-/// Returns whether the material colours the light that passes through it.
+/// Returns whether the material changes the colour of the light that passes through it.
 fn is_tinted(material: &StandardMaterial) -> bool {
     let color = LinearRgba::from(material.base_color);
     let is_white =
         material.base_color_texture.is_none() && [color.red, color.green, color.blue].iter().all(|&part| part >= 1.0);
-    let is_clear = is_white && optical_depth(material) == [0; 2];
+    let is_clear = is_white && optical_depth(material) == [0; 2] && !emits(material);
     stop_probability(material).is_some_and(|stopped| stopped < 1.0) && !is_clear
 }
 
@@ -279,6 +279,12 @@ mod tests {
             objects.note(3, Some(Entity::from_bits(7)), Some(&material));
             assert_eq!(objects.has_tints(), has_tints, "{material:?}");
         }
+        let glowing = StandardMaterial {
+            emissive: LinearRgba::rgb(0.0, 0.1, 0.0),
+            ..colored(Color::WHITE, AlphaMode::Opaque, 1.0)
+        };
+        objects.note(3, Some(Entity::from_bits(7)), Some(&glowing));
+        assert!(objects.has_tints());
         let textured = StandardMaterial {
             base_color_texture: Some(Default::default()),
             ..colored(Color::WHITE, AlphaMode::Opaque, 1.0)

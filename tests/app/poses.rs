@@ -398,13 +398,14 @@ fn with_uvs(mesh: Mesh) -> Mesh {
 /// Waits for as long as micromaps take.
 fn until_micromaps_rest(app: &mut HeadlessApp) {
     app.step(30);
-    for _ in 0..120 {
+    for _ in 0..400 {
         if !report(app).micromaps_pending {
             return;
         }
         std::thread::sleep(std::time::Duration::from_millis(1));
         app.step(1);
     }
+    panic!("micromaps are still built: {}", report(app));
 }
 
 fn holes_stay_where_they_are_on_the_surface(app: &mut HeadlessApp, tracer: ReflectionTracerChoice) {

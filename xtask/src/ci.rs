@@ -135,7 +135,10 @@ fn foreign_compilers(checks: &mut Checks, start: Instant) {
     checks.run_prepared("shaders for AMD's GPUs", compilers, |compilers| {
         // Figures are a report: whoever changes a shader weighs them.
         let changes = isa::judge(&compilers, false, false)?;
-        changes.iter().for_each(progress::note);
+        if !changes.is_empty() {
+            progress::note("differences from the file of figures, which `cargo xtask isa --accept` writes anew:");
+            changes.iter().for_each(progress::note);
+        }
         Ok(())
     });
 }

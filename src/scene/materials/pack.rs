@@ -3,7 +3,7 @@
 use crate::scene::{
     coplanar::order_bits,
     gpu_types::*,
-    see_through::{emission_scale, index_of_refraction, optical_depth, refracts, see_through_flags, stop_probability},
+    see_through::{index_of_refraction, optical_depth, refracts, see_through_flags, stop_probability},
 };
 use bevy::{
     asset::AssetId,
@@ -99,7 +99,6 @@ pub fn pack_material(material: &StandardMaterial) -> GpuMaterial {
     }
 
     let color = |value: f32| finite_or(value, 0.0).max(0.0);
-    let emission = emission_scale(material);
     let transform = Some(material.uv_transform).filter(|transform| transform.is_finite());
     let transform = transform.unwrap_or_default();
     GpuMaterial {
@@ -113,9 +112,9 @@ pub fn pack_material(material: &StandardMaterial) -> GpuMaterial {
             },
         ],
         emissive: [
-            color(material.emissive.red * emission),
-            color(material.emissive.green * emission),
-            color(material.emissive.blue * emission),
+            color(material.emissive.red),
+            color(material.emissive.green),
+            color(material.emissive.blue),
             transmitted_share(material),
         ],
         textures: [NO_TEXTURE; 5],

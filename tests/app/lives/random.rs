@@ -17,6 +17,7 @@ use bevy::{
     log::{
         tracing::{Event, Level, Subscriber, field::Field, field::Visit, subscriber},
         tracing_subscriber::{
+            filter::LevelFilter,
             layer::{Context, Layer, SubscriberExt},
             registry,
         },
@@ -513,7 +514,7 @@ fn live(test: &str, lives: u64) {
     if !is_alone(&format!("lives::random::{test}")) {
         return;
     }
-    subscriber::set_global_default(registry().with(KeepLog)).unwrap();
+    subscriber::set_global_default(registry().with(LevelFilter::WARN).with(KeepLog)).unwrap();
     warn!(target: "bevy_glint", "heard");
     assert_eq!(core::mem::take(&mut *LOG.lock().unwrap()), ["heard"]);
     let seed = std::env::var("GLINT_SEED").ok().and_then(|seed| seed.parse().ok());

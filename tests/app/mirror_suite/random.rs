@@ -153,7 +153,7 @@ impl Recipe {
             material.reflectance = 0.0;
             material.metallic = 0.0;
             material.clearcoat = 0.0;
-            // No light is gained in reflected glass.
+            // Glass of a colour above 1 would add light to what is behind it, which only Bevy's image does.
             if self.objects.len() > 1 || self.varies("mesh: colours").is_some() {
                 material.specular_transmission = 0.0;
             }
