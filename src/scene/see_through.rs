@@ -29,8 +29,7 @@ pub(super) fn stop_probability(material: &StandardMaterial) -> Option<f32> {
     let stopped = (1.0 - transmission(material)).max(least);
     match material.alpha_mode {
         AlphaMode::Mask(_) | AlphaMode::AlphaToCoverage => None,
-        // Unlit glass stops all light, but like glass it has no haze.
-        AlphaMode::Opaque => (material.specular_transmission > 0.0).then_some(stopped),
+        AlphaMode::Opaque => (stopped < 1.0).then_some(stopped),
         _ => Some(stopped),
     }
 }
@@ -41,7 +40,7 @@ fn emits(material: &StandardMaterial) -> bool {
 
 fn transmission(material: &StandardMaterial) -> f32 {
     let transmission = material.specular_transmission;
-    if transmission.is_finite() && !material.unlit {
+    if transmission.is_finite() {
         transmission.clamp(0.0, 1.0)
     } else {
         0.0

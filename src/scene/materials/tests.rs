@@ -222,12 +222,6 @@ fn rays_stop_at_glass_that_emits_light() {
         });
         assert_eq!(packed.stop_probability, stopped.unwrap_or(-1.0));
     }
-    let unlit = StandardMaterial {
-        specular_transmission: 0.75,
-        unlit: true,
-        ..Default::default()
-    };
-    assert_eq!(pack_material(&unlit).stop_probability, 1.0, "nothing is behind it");
 }
 
 /// Materials, and the images that they wait for.

@@ -5,7 +5,7 @@ use crate::stage::unlit;
 use bevy::{camera::visibility::RenderLayers, pbr::ScreenSpaceTransmission, prelude::*, render::render_resource::Face};
 use bevy_glint::ReflectionTechnique;
 
-pub(super) const ROWS: [Row; 31] = [
+pub(super) const ROWS: [Row; 30] = [
     ("unlit", |stage| stage.spawn(StandardMaterial { unlit: true, ..blue() })),
     ("directional light", |stage| stage.light_and_spawn(blue())),
     ("shadow of a directional light", |stage| {
@@ -164,14 +164,6 @@ pub(super) const ROWS: [Row; 31] = [
             specular_transmission: 1.0,
             perceptual_roughness: 0.0,
             reflectance: 0.0,
-            ..blue()
-        });
-    }),
-    ("unlit glass, which is opaque", |stage| {
-        stage.dress(ScreenSpaceTransmission::default());
-        stage.light_and_spawn(StandardMaterial {
-            specular_transmission: 0.6,
-            unlit: true,
             ..blue()
         });
     }),

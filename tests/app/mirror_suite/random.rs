@@ -154,7 +154,8 @@ impl Recipe {
             material.metallic = 0.0;
             material.clearcoat = 0.0;
             // Glass of a colour above 1 would add light to what is behind it, which only Bevy's image does.
-            if self.objects.len() > 1 || self.varies("mesh: colours").is_some() {
+            // Rays pass unlit glass, which Bevy draws opaque.
+            if self.objects.len() > 1 || self.varies("mesh: colours").is_some() || material.unlit {
                 material.specular_transmission = 0.0;
             }
         }
