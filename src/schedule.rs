@@ -139,8 +139,7 @@ impl Plugin for SchedulePlugin {
 /// Orders our passes and those that Bevy doesn't export, which no set contains.
 ///
 /// Forward surfaces get the same haze as deferred ones if their reflections are added before the pass of the atmosphere, and debug views
-/// are drawn over volumetric fog. Direct successors of a known pass that have no order with ours are such passes, or the
-/// app's.
+/// are drawn over volumetric fog. Direct successors of a known pass that have no order with ours are such passes, or the app's.
 #[derive(Debug, Default)]
 struct UnnamedPasses {
     /// The systems of each set.

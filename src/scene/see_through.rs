@@ -88,7 +88,7 @@ pub(super) fn see_through_flags(material: &StandardMaterial) -> u32 {
     }
 }
 
-/// Returns whether the material changes the colour of the light that passes through it.
+/// Returns whether shaders need code for tinted glass: the material colours the light that passes through it, or emits light.
 fn is_tinted(material: &StandardMaterial) -> bool {
     let color = LinearRgba::from(material.base_color);
     let is_white =

@@ -213,7 +213,7 @@ pub static FIELDS: [(&str, Vary); 76] = [
     ("decal", Vary::By(|_, _, _| ())),
 ];
 
-/// Fields that change nothing alone, each with fields of which most scenes have one beside it.
+/// A field on the left changes nothing alone. Most objects that vary it also vary one of the fields on the right.
 pub static NEEDS: [(&str, &[&str]); 22] = [
     ("base_color_channel", &["base_color_texture"]),
     ("base_color_channel", &["mesh: second UVs"]),
