@@ -56,6 +56,7 @@ fn set_bounces(app: &mut HeadlessApp, camera: Entity, max_bounces: u32, bounce_r
 
 /// After n bounces the light of the surroundings has been reflected by n + 1 mirrors, including the first one.
 #[test]
+#[ignore = "long: many bounces"]
 fn facing_mirrors_show_powers_of_their_reflectance() {
     for (tracer, mut app) in apps(SIZE, Output::Linear) {
         let app = &mut app;

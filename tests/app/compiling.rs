@@ -2,7 +2,7 @@
 
 use crate::{
     common::app,
-    pictures::{PATIENCE, warm_up},
+    pictures::{PATIENCE, apps, warm_up},
     stage::{BEFORE_THE_MIRROR, SIZE, clear, metal, report, spawn_camera, spawn_mesh, wall},
 };
 use bevy::{
@@ -68,10 +68,7 @@ fn stage(app: &mut HeadlessApp, settings: RayTracedReflections) -> Entity {
 
 #[test]
 fn nothing_is_compiled_twice_or_for_techniques_that_are_out_of_use() {
-    for tracer in [ReflectionTracerChoice::RayQuery, ReflectionTracerChoice::Bvh] {
-        let Some(mut app) = app(SIZE, Output::Picture, tracer) else {
-            return;
-        };
+    for (tracer, mut app) in apps(SIZE, Output::Picture) {
         // Before much moves for the first time.
         app.step(2);
         assert_eq!(count(&app, "glint_scatter"), 2, "{tracer:?}: instances and lights");

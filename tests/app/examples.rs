@@ -265,6 +265,7 @@ fn difference(a: &[u8], b: &[u8], columns: Range<u32>) -> f32 {
 }
 
 #[test]
+#[ignore = "long: another app and its shaders"]
 fn facing_mirrors() {
     let Some(mut example) = Example::start("facing_mirrors", facing_mirrors::plugin) else {
         return;
@@ -310,6 +311,7 @@ fn minimal() {
 }
 
 #[test]
+#[ignore = "long: another app and its shaders"]
 fn moving_objects() {
     let Some(mut example) = Example::start("moving_objects", moving_objects::plugin) else {
         return;
@@ -360,6 +362,7 @@ fn character() {
 }
 
 #[test]
+#[ignore = "long: another app and its shaders"]
 fn reflection_methods() {
     let Some(mut example) = Example::start("reflection_methods", reflection_methods::plugin) else {
         return;
@@ -385,6 +388,7 @@ fn reflection_methods() {
 }
 
 #[test]
+#[ignore = "long: another app and its shaders"]
 fn shading_rates() {
     let Some(mut example) = Example::start("shading_rates", shading_rates::plugin) else {
         return;
@@ -420,6 +424,7 @@ fn shading_rates() {
 }
 
 #[test]
+#[ignore = "long: another app and its shaders"]
 fn split_screen() {
     let Some(mut example) = Example::start("split_screen", split_screen::plugin) else {
         return;
@@ -446,6 +451,7 @@ fn split_screen() {
 }
 
 #[test]
+#[ignore = "long: another app and its shaders"]
 fn custom_heuristic() {
     let Some(mut example) = Example::start("custom_heuristic", custom_heuristic::plugin) else {
         return;
@@ -494,6 +500,7 @@ fn water_material() {
 }
 
 #[test]
+#[ignore = "long: another app and its shaders"]
 fn custom_material() {
     let Some(mut example) = Example::start("custom_material", custom_material::plugin) else {
         return;
@@ -523,6 +530,7 @@ fn wind() {
 }
 
 #[test]
+#[ignore = "long: another app and its shaders"]
 fn sparks() {
     let Some(mut example) = Example::start("sparks", sparks::plugin) else {
         return;
@@ -537,6 +545,7 @@ fn sparks() {
 
 #[cfg(feature = "egui")]
 #[test]
+#[ignore = "long: another app and its shaders"]
 fn settings_panel() {
     let Some(mut example) = Example::start("settings_panel", settings_panel::plugin) else {
         return;

@@ -44,6 +44,7 @@ fn a_shift_of_the_origin_is_not_seen() {
 
 /// Four shifts, each while the last frames are still of use: a rough floor is denoised over frames.
 #[test]
+#[ignore = "long: 192 frames of truth"]
 fn history_survives_shifts_of_the_origin() {
     let Some(mut app) = app(SIZE, Output::Linear, ReflectionTracerChoice::Bvh) else {
         return;

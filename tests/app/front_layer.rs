@@ -421,6 +421,7 @@ fn nothing_see_through_costs_nothing() {
 
 /// Rough surfaces have the same denoiser as opaque ones.
 #[test]
+#[ignore = "long: hundreds of frames"]
 fn rough_panes_converge() {
     for (tracer, mut app) in apps(SIZE, Output::Linear) {
         let app = &mut app;

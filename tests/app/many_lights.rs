@@ -92,6 +92,7 @@ fn light_of(app: &mut HeadlessApp, lights: &[Vec<Entity>; 2], shining: [bool; 2]
 
 /// Light adds up: the sum of both halves, evaluated one by one, is the light of all.
 #[test]
+#[ignore = "long: hundreds of frames of noise"]
 fn drawn_lights_bring_the_light_of_all() {
     for (tracer, mut app) in apps(SIZE, Output::Linear) {
         let app = &mut app;
@@ -204,6 +205,7 @@ fn time(app: &mut HeadlessApp) -> Option<f64> {
 }
 
 #[test]
+#[ignore = "long: 10,000 lights"]
 fn ten_thousand_lights_take_at_most_twice_the_time_of_ten() {
     let plugin = |app: &mut App| {
         app.add_plugins(RenderDiagnosticsPlugin);

@@ -180,9 +180,9 @@ fn cameras_that_are_away_make_room_for_others() {
 
 /// Water before the whole view.
 #[test]
-#[ignore = "long: frames of 2560x1440"]
+#[ignore = "long: frames of 3840x2160"]
 fn four_viewports_take_no_more_than_one() {
-    const LARGE: UVec2 = UVec2::new(2560, 1440);
+    const LARGE: UVec2 = UVec2::new(3840, 2160);
     let Some(mut app) = app(LARGE, Output::Picture, ReflectionTracerChoice::Bvh) else {
         return;
     };

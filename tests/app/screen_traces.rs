@@ -416,6 +416,7 @@ fn spawn_standard_scene(app: &mut HeadlessApp) -> Entity {
 
 /// Light of the last frame has met several surfaces, as light in the truth of several bounces has.
 #[test]
+#[ignore = "long: large scenes and their truth"]
 fn standard_scenes_stay_near_the_truth() {
     let size = STANDARD;
     let Some((tracer, mut app)) = apps(size, Output::Picture).next() else {

@@ -2,7 +2,7 @@
 
 use crate::{
     common::app,
-    pictures::{BOTH, apps_of_both, reflect, warm_up},
+    pictures::{BOTH, apps, apps_of_both, reflect, warm_up},
     stage::{BEFORE_THE_MIRROR, BLUE, GREEN, RED, SIZE, metal, spawn_camera, spawn_mesh, unlit, wall},
 };
 use bevy::{
@@ -79,7 +79,7 @@ fn a_pane_in_a_mirror_converges_to_the_mean_of_both_sides() {
 /// Exact mirrors with their own rays show panes without chance, in the first frame and in each pixel.
 #[test]
 fn panes_in_an_exact_mirror_have_no_grain() {
-    for (tracer, mut app) in apps_of_both(SIZE, Output::Linear) {
+    for (tracer, mut app) in apps(SIZE, Output::Linear) {
         let app = &mut app;
         let (camera, pane) = spawn_pane(app);
         let second = Transform::from_xyz(0.0, 0.0, 7.0).looking_to(Vec3::Z, Vec3::Y);
@@ -176,7 +176,7 @@ fn glass_tints_by_its_texture() {
     const TINT: [f32; 3] = [0.5, 0.25, 1.0];
     // Halves of the texture.
     const HALVES: [[u8; 4]; 2] = [[255, 0, 255, 255], [0, 255, 0, 255]];
-    for (tracer, mut app) in apps_of_both(SIZE, Output::Linear) {
+    for (tracer, mut app) in apps(SIZE, Output::Linear) {
         let app = &mut app;
         spawn_mesh(app, wall(), metal(0.0), Transform::IDENTITY);
         let camera = spawn_camera(app, BEFORE_THE_MIRROR, SceneName::MirrorRoom);
@@ -251,7 +251,7 @@ fn glass_tints_by_its_texture() {
 #[test]
 fn thick_glass_refracts_in_rough_reflections() {
     use ReflectionTechnique::{Converged, Quarter, QuarterInline, Reference};
-    for (tracer, mut app) in apps_of_both(SIZE, Output::Linear) {
+    for (tracer, mut app) in apps(SIZE, Output::Linear) {
         let app = &mut app;
         spawn_mesh(app, wall(), metal(0.15), Transform::IDENTITY);
         let camera = spawn_camera(app, BEFORE_THE_MIRROR, SceneName::MirrorRoom);

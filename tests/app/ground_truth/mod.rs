@@ -150,7 +150,7 @@ fn on_floor(x: usize, y: usize, size: UVec2) -> bool {
 #[test]
 fn a_white_furnace_stays_white() {
     let size = UVec2::new(180, 90);
-    for (tracer, mut app) in apps_of_both(size, Output::Linear) {
+    for (tracer, mut app) in apps(size, Output::Linear) {
         let camera = spawn(&mut app, SceneName::Furnace, ReflectionTechnique::Converged);
         // Merging restarts the mean.
         until_at_rest(&mut app);
@@ -214,6 +214,7 @@ fn set_bounces(app: &mut HeadlessApp, camera: Entity, max_bounces: u32) {
 
 /// Bevy's path tracer agrees if one bounce is enough.
 #[test]
+#[ignore = "long: 512 frames and a path tracer"]
 fn converged_agrees_with_a_path_tracer() {
     let size = UVec2::new(160, 90);
     // The path tracer smooths edges by moving its rays within a pixel; here more pixels do the same.
@@ -275,10 +276,11 @@ fn shrink(pixels: &[[f32; 4]], size: UVec2, factor: u32) -> Vec<u8> {
 
 /// The tracers see the same scene.
 #[test]
+#[ignore = "long: the same images with another tracer"]
 fn both_tracers_show_the_same_picture() {
     let size = UVec2::new(128, 72);
     let mut pictures_of_both = Vec::new();
-    for (_, mut app) in apps(size, Output::Picture) {
+    for (_, mut app) in apps_of_both(size, Output::Picture) {
         use_coarse_shadow_maps(&mut app);
         let camera = spawn(&mut app, SceneName::Demo, ReflectionTechnique::Converged);
         app.world().resource_mut::<Time<Virtual>>().pause();

@@ -205,6 +205,7 @@ fn faults_are_reported_and_the_app_keeps_running() {
 }
 
 #[test]
+#[ignore = "long: two scenes, compiled twice"]
 fn runtime_checks_change_nothing() {
     if !is_alone("tests::runtime_checks_change_nothing") {
         return;
