@@ -214,7 +214,7 @@ pub static FIELDS: [(&str, Vary); 76] = [
 ];
 
 /// A field on the left changes nothing alone. Most objects that vary it also vary one of the fields on the right.
-pub static NEEDS: [(&str, &[&str]); 22] = [
+pub static NEEDS: [(&str, &[&str]); 23] = [
     ("base_color_channel", &["base_color_texture"]),
     ("base_color_channel", &["mesh: second UVs"]),
     ("emissive_exposure_weight", &["emissive", "emissive_texture"]),
@@ -241,7 +241,9 @@ pub static NEEDS: [(&str, &[&str]); 22] = [
         "alpha_mode",
         &["emissive", "metallic", "base_color_texture", "perceptual_roughness"],
     ),
-    ("place: mirrored", &["normal_map_texture", "cull_mode", "double_sided"]),
+    // The handedness of tangents.
+    ("place: mirrored", &["normal_map_texture", "flip_normal_map_y"]),
+    ("place: mirrored", &["cull_mode", "double_sided"]),
     (
         "uv_transform",
         &["base_color_texture", "normal_map_texture", "emissive_texture"],
