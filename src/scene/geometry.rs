@@ -9,7 +9,7 @@
 //! | 1 | number of triangles |
 //! | 2 | number of morph targets |
 //! | 3 to 9 | offsets of positions, indices, normals, tangents, UV set 0, UV set 1, colours; 0 = the mesh has none |
-//! | 10, 11 | offsets of joints, morph targets; 0 = the mesh has none |
+//! | 10, 11 | offsets of joints, morph targets; 0 = the mesh has none. Posed copies have the offset of their motions in word 10 |
 //!
 //! - Positions: three `f32` per vertex. The offset is a multiple of three words, so that hardware acceleration structures can be
 //!   built directly from the geometry buffer with a stride of 12 bytes.
@@ -22,6 +22,7 @@
 //! - Joints: four indices of 16 bits, then four `f32` weights per vertex.
 //! - Morph targets: one after the other, for each vertex the differences of the position as three `f32`, and of the normal and the
 //!   tangent if the mesh has them.
+//! - Motions: how far each vertex of a posed copy moved when it was last posed, in object space, as in `motion.rs`.
 //!
 //! A mesh without triangles is followed by zeros up to [`MIN_WORDS`], so that a stray read stays inside it.
 

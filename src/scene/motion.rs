@@ -4,6 +4,9 @@ use bevy::math::{Mat3, Vec3, ops};
 
 /// Value of the first word if the motion is unknown. No packed vector has this value.
 pub const UNKNOWN_MOTION: u32 = 0x100;
+/// Bit of the second word: the object was posed in this frame, so that its geometry has the motion of each vertex. Rotations are too small
+/// for it.
+pub const POSED_MOTION: u32 = 1 << 31;
 
 /// Largest value of a component.
 const LARGEST_COMPONENT: f32 = 255.0;
@@ -43,9 +46,10 @@ pub fn pack_motion(
         .map(f32::abs)
         .into_iter()
         .fold(0.0, f32::max);
+    let words = [translation, turn].map(pack_vector);
     // Also false for NaN, which `fold` ignores.
-    if translation.is_finite() && moved.is_finite() && rest <= LARGEST_REST {
-        [pack_vector(translation), pack_vector(turn)]
+    if translation.is_finite() && moved.is_finite() && rest <= LARGEST_REST && words[1] & POSED_MOTION == 0 {
+        words
     } else {
         [UNKNOWN_MOTION, 0]
     }
@@ -63,16 +67,18 @@ pub fn pack_vector(v: Vec3) -> u32 {
     x | y << 9 | z << 18 | ((exponent - LEAST_EXPONENT) as u32) << 27
 }
 
+/// The vector that [`pack_vector`] packed.
+#[cfg(test)]
+pub fn unpack_vector(word: u32) -> Vec3 {
+    let step = |shift: u32| ((word << (23 - shift)) as i32 >> 23) as f32;
+    Vec3::new(step(0), step(9), step(18)) * ops::exp2((word >> 27) as f32 + LEAST_EXPONENT)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::scene::{acceleration::rows, bvh::invert};
     use bevy::math::{Affine3A, EulerRot, Quat};
-
-    fn unpack_vector(word: u32) -> Vec3 {
-        let step = |shift: u32| ((word << (23 - shift)) as i32 >> 23) as f32;
-        Vec3::new(step(0), step(9), step(18)) * ops::exp2((word >> 27) as f32 + LEAST_EXPONENT)
-    }
 
     #[test]
     fn vectors_keep_eight_bits() {

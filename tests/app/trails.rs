@@ -5,7 +5,10 @@ use crate::{
     pictures::{dump, flip, reflect, warm_up},
     stage::{BLUE, GREEN, RED, metal, spawn_camera, spawn_mesh, unlit},
 };
-use bevy::prelude::*;
+use bevy::{
+    mesh::morph::{MeshMorphWeights, MorphAttributes},
+    prelude::*,
+};
 use bevy_glint::{
     RayTracedReflections, ReflectedParticle, ReflectedParticles, ReflectionTechnique, ReflectionTracerChoice,
 };
@@ -109,6 +112,7 @@ fn lamp(app: &mut HeadlessApp, roughness: f32) -> Scene {
 const CROSS: Step = |app, scene, frames| place(app, scene.subject).translation.x += 0.06 * frames;
 
 #[test]
+#[ignore = "long: hundreds of frames of truth"]
 fn a_lamp_that_crosses_a_glossy_floor_leaves_no_trail() {
     expect("crossing", 1.02, |app| lamp(app, 0.15), CROSS);
 }
@@ -146,6 +150,30 @@ fn a_particle_that_crosses_a_glossy_floor_leaves_no_trail() {
 #[ignore = "long: hundreds of frames of truth"]
 fn a_lamp_that_crosses_a_smooth_floor_is_sharp() {
     expect("crossing-smooth", 0.95, |app| lamp(app, 0.08), CROSS);
+}
+
+/// A lamp like that, which a morph target moves: histories know the motion of vertices.
+#[test]
+#[ignore = "long: hundreds of frames of truth"]
+fn a_morphed_lamp_that_crosses_a_smooth_floor_is_sharp() {
+    expect(
+        "crossing-morphed",
+        0.95,
+        |app| {
+            let mesh = Sphere::new(0.35).mesh().build();
+            let target = vec![MorphAttributes::new(Vec3::X, Vec3::ZERO, Vec3::ZERO); mesh.count_vertices()];
+            let scene = scene(app, 0.08, mesh.with_morph_targets(target), unlit(RED));
+            let weights = MeshMorphWeights::Value { weights: vec![0.0] };
+            app.world().entity_mut(scene.subject).insert(weights);
+            scene
+        },
+        |app, scene, frames| {
+            let mut weights = app.world().get_mut::<MeshMorphWeights>(scene.subject).unwrap();
+            if let MeshMorphWeights::Value { weights } = &mut *weights {
+                weights[0] += 0.06 * frames;
+            }
+        },
+    );
 }
 
 #[test]

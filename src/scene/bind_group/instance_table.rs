@@ -12,11 +12,11 @@ use crate::scene::{
     },
     instances::InstanceSource,
     meshes::SceneMesh,
-    motion::{UNKNOWN_MOTION, pack_motion},
+    motion::{POSED_MOTION, UNKNOWN_MOTION, pack_motion, pack_vector},
     upload::{ScatterKernels, StorageSlice},
 };
 use bevy::{
-    math::{Affine3A, Vec3A},
+    math::{Affine3A, Vec3, Vec3A},
     render::{
         render_resource::{Buffer, PipelineCache},
         renderer::{RenderDevice, RenderQueue},
@@ -283,9 +283,22 @@ impl InstanceTable {
             .then(|| &self.data[slot as usize].world_from_object)
     }
 
-    /// Marks the object as deforming in this frame; the motion of its points is unknown.
-    pub fn mark_posed(&mut self, slot: u32) -> Change {
-        self.mark_moving(slot, [UNKNOWN_MOTION, 0])
+    /// Marks the object as deforming in this frame, in which its transform has been set. `knows_motions` is true if its geometry has
+    /// the motion of each vertex.
+    pub fn mark_posed(&mut self, slot: u32, knows_motions: bool) -> Change {
+        if !knows_motions {
+            return self.mark_moving(slot, [UNKNOWN_MOTION, 0]);
+        }
+        let change = if self.moved[slot as usize] == self.frame {
+            Change::Marked
+        } else {
+            self.mark_moving(slot, [pack_vector(Vec3::ZERO); 2])
+        };
+        let data = &mut self.data[slot as usize];
+        if data.lightmap == NO_TEXTURE {
+            data.lightmap_rect_or_motion[1] |= POSED_MOTION;
+        }
+        change
     }
 
     /// Marks the object as moving in this frame. If it hadn't moved lately, views might have seen it unmarked at its old position.
@@ -486,14 +499,42 @@ mod tests {
             !table.knows_motions() && table.flags(0) & INSTANCE_MOVING == 0,
             "at rest"
         );
-        // Posed and moved in one frame, in either order.
-        table.mark_posed(0);
+        // The first pose of a copy.
         table.set_matrices(0, &at(2.0));
-        table.settle();
-        assert_eq!(motion(&table, 0)[0], UNKNOWN_MOTION);
-        table.set_matrices(0, &at(3.0));
-        table.mark_posed(0);
+        table.mark_posed(0, false);
         table.settle();
         assert!(motion(&table, 0)[0] == UNKNOWN_MOTION && !table.knows_motions());
+    }
+
+    #[test]
+    fn vertices_move_with_their_object() {
+        let Some((device, _)) = test_gpu::device() else {
+            return;
+        };
+        let mut table = InstanceTable::new(&device);
+        table.reserve(1, &device);
+        assert!(table.set(0, object(0.0, NO_TEXTURE, [0; 2])));
+        table.settle();
+        let motion = |table: &InstanceTable| table.data[0].lightmap_rect_or_motion;
+        let posed = |[translation, turn]: [u32; 2]| [translation, turn | POSED_MOTION];
+        let rest = [pack_vector(Vec3::ZERO); 2];
+        table.mark_posed(0, true);
+        table.settle();
+        assert!(table.knows_motions());
+        assert_eq!(motion(&table), posed(rest));
+        table.set_matrices(0, &at(1.0));
+        let moved = motion(&table);
+        table.mark_posed(0, true);
+        table.settle();
+        assert_eq!(moved[1] & POSED_MOTION, 0, "it keeps its pose");
+        assert_ne!(moved, rest);
+        assert_eq!(motion(&table), posed(moved), "both");
+        table.mark_posed(0, true);
+        table.settle();
+        table.settle();
+        assert_eq!(table.flags(0) & INSTANCE_MOVING, 0, "at rest");
+        // A pose doesn't count as a change of the object.
+        table.mark_posed(0, true);
+        assert!(!table.set(0, object(1.0, NO_TEXTURE, [0; 2])));
     }
 }

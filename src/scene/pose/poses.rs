@@ -68,6 +68,8 @@ struct Room {
     geometry: ArenaSlice,
     /// Only with the BVH tracer: the tree and the index of its first triangle.
     tree: Option<(ArenaSlice, u32)>,
+    /// Number of poses, up to 2: vertices have moved from one to the next.
+    poses: u8,
 }
 
 /// A posed object.
@@ -163,6 +165,11 @@ impl Poses {
             first_vertex: (self.room(slot)?.geometry.base() + HEADER_WORDS) / 3,
             revision: self.posed.get(&slot)?.revision,
         })
+    }
+
+    /// Returns whether the geometry of a posed object has the motion of each vertex.
+    pub fn knows_motions(&self, slot: u32) -> bool {
+        self.room(slot).is_some_and(|room| room.poses > 1)
     }
 
     fn room(&self, slot: u32) -> Option<&Room> {
@@ -385,9 +392,10 @@ impl Posed {
         mesh: &SceneMesh,
         batch: &mut Batch,
     ) -> bool {
-        let (Some(room), Some(deformation)) = (&self.room, &mesh.deformation) else {
+        let (Some(room), Some(deformation)) = (&mut self.room, &mesh.deformation) else {
             return false;
         };
+        room.poses = (room.poses + 1).min(2);
         let (matrices, weights) = pose(source, extracted, mesh);
         self.matrices.clear();
         self.matrices.extend_from_slice(matrices);
@@ -502,7 +510,11 @@ fn take_room(mesh: AssetId<Mesh>, meshes: &mut SceneMeshes, queue: &RenderQueue)
     };
     let header = posed_header(geometry.base(), source, offsets, [vertices, triangles]);
     meshes.geometry.write(queue, &geometry, &header);
-    Some(Room { geometry, tree })
+    Some(Room {
+        geometry,
+        tree,
+        poses: 0,
+    })
 }
 
 /// Words of the arrays that a posed mesh doesn't share.
@@ -510,7 +522,8 @@ fn posed_words(mesh: &SceneMesh) -> Option<u32> {
     let own = [mesh.offsets.normals, mesh.offsets.tangents]
         .into_iter()
         .filter(|offset| *offset != 0);
-    let per_vertex = 3 + own.count() as u32;
+    // Positions and motions.
+    let per_vertex = 4 + own.count() as u32;
     mesh.vertex_count.checked_mul(per_vertex)?.checked_add(HEADER_WORDS)
 }
 
@@ -522,11 +535,12 @@ pub(super) fn posed_header(base: u32, source: u32, offsets: MeshOffsets, [vertic
         offset => source.wrapping_add(offset).wrapping_sub(base),
     };
     let mut end = HEADER_WORDS + 3 * vertices;
-    let mut own = |offset: u32| {
+    let mut take = || {
         let first = end;
-        end += if offset == 0 { 0 } else { vertices };
-        if offset == 0 { 0 } else { first }
+        end += vertices;
+        first
     };
+    let mut own = |offset: u32| if offset == 0 { 0 } else { take() };
     let offsets = MeshOffsets {
         positions: HEADER_WORDS,
         indices: shared(offsets.indices),
@@ -535,7 +549,8 @@ pub(super) fn posed_header(base: u32, source: u32, offsets: MeshOffsets, [vertic
         uv0: shared(offsets.uv0),
         uv1: shared(offsets.uv1),
         colors: shared(offsets.colors),
-        joints: 0,
+        // Motions.
+        joints: take(),
         morphs: 0,
     };
     offsets.header([vertices, triangles, 0])

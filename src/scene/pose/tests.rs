@@ -13,6 +13,7 @@ use crate::{
         acceleration::rows,
         bvh::{Blas, Bounds, BvhQuality, Item, build_posable_blas},
         geometry::{BASE_ALIGNMENT, HEADER_WORDS, PackedMesh, pack_mesh},
+        motion::unpack_vector,
         test_gpu,
     },
     settings::ReflectedVertices,
@@ -51,6 +52,10 @@ fn pipeline(
     let modules = [
         ("common/numeric.wesl", include_str!("../../common/numeric.wesl")),
         ("common/octahedral.wesl", include_str!("../../common/octahedral.wesl")),
+        (
+            "common/packed_vector.wesl",
+            include_str!("../../common/packed_vector.wesl"),
+        ),
         ("scene/pose/job.wesl", include_str!("job.wesl")),
         ("scene/pose/vertex.wesl", include_str!("vertex.wesl")),
         ("scene/pose/app_vertex.wesl", APP_VERTEX),
@@ -159,6 +164,9 @@ fn comb() -> Mesh {
         .with_morph_targets(unmoved)
 }
 
+/// The last pose of all vertices.
+const BEFORE: Vec3 = Vec3::new(0.5, -1.0, 2.0);
+
 /// A posed mesh, and its position in both buffers.
 struct Subject {
     packed: PackedMesh,
@@ -190,7 +198,10 @@ impl Subject {
         let posed = aligned(geometry);
         let counts = [packed.vertex_count, packed.triangle_count];
         geometry.extend(posed_header(posed, source, packed.offsets, counts));
-        geometry.resize(geometry.len() + 5 * packed.vertex_count as usize, 0);
+        for _ in 0..packed.vertex_count {
+            geometry.extend(BEFORE.to_array().map(f32::to_bits));
+        }
+        geometry.resize(geometry.len() + 3 * packed.vertex_count as usize, 0);
         let source_node = bvh.len() as u32;
         bvh.extend_from_slice(&blas.items);
         let posed_node = bvh.len() as u32;
@@ -257,11 +268,12 @@ impl Subject {
         ]
     }
 
-    fn check_vertices(&self, geometry: &[u32]) -> Vec<[f32; 3]> {
+    /// All vertices of the posed mesh were at `before`.
+    fn check_vertices(&self, geometry: &[u32], before: DVec3) -> Vec<[f32; 3]> {
         let count = self.packed.vertex_count as usize;
         let posed = &geometry[self.job.posed as usize..];
         let word = |offset: usize| posed[offset];
-        let [normals, tangents] = [word(5) as usize, word(6) as usize];
+        let [normals, tangents, motions] = [word(5) as usize, word(6) as usize, word(10) as usize];
         assert_eq!((word(3), normals), (HEADER_WORDS, 12 + 3 * count));
         assert_eq!(
             (word(0), word(1)),
@@ -273,6 +285,11 @@ impl Subject {
             assert!(
                 (Vec3::from(found).as_dvec3() - position).length() < 1e-4,
                 "{found:?} for {position}"
+            );
+            let motion = unpack_vector(word(motions + vertex)).as_dvec3();
+            assert!(
+                (motion - (position - before)).length() < 0.01 * (position - before).length() + 1e-4,
+                "moved by {motion}, from {before} to {position}"
             );
             let found_normal = decode_normal(word(normals + vertex));
             assert!((found_normal - normal).length() < 2e-3, "{found_normal} for {normal}");
@@ -441,7 +458,7 @@ fn vertices_and_trees_follow_the_pose() {
     let (words, items) = pose(&batch, &geometry, &bvh, &device, &queue);
     let items: &[Item] = bytemuck::cast_slice(&items);
     for subject in &subjects {
-        let vertices = subject.check_vertices(&words);
+        let vertices = subject.check_vertices(&words, BEFORE.as_dvec3());
         subject.check_tree(items, &vertices);
         let source = subject.job.source as usize..subject.job.source as usize + subject.packed.words.len();
         assert_eq!(words[source.clone()], geometry[source], "the mesh of the asset stays");
@@ -486,7 +503,7 @@ fn the_apps_shader_moves_vertices_in_world_space() {
     [jobs[0].bounds_min, jobs[0].bounds_max] = [bounds.min, bounds.max];
     batch.jobs = jobs;
     let (words, _) = pose(&batch, &geometry, &bvh, &device, &queue);
-    still.check_vertices(&words);
+    still.check_vertices(&words, BEFORE.as_dvec3());
 
     let posed = &words[subject.job.posed as usize..];
     let world_from_object = DMat4::from(place.as_daffine3());

@@ -182,7 +182,7 @@ impl SceneBindings {
             let Some(source) = instances.get(slot).filter(|_| self.instances.can_be_hit(slot)) else {
                 continue;
             };
-            change = change.max(self.instances.mark_posed(slot));
+            change = change.max(self.instances.mark_posed(slot, self.poses.knows_motions(slot)));
             if self.tracer == ReflectionTracer::Bvh
                 && let Some(object) = self.object(source, slot, self.instances.flags(slot), meshes)
             {
