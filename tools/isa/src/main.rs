@@ -1,44 +1,34 @@
 //! Compiles SPIR-V for a GPU that isn't there, by the driver's null device, and prints the compiler's figures.
 //!
-//! `glint_isa FILE...` prints the device's name, and then a line for each argument: the argument, `ok` and statistics as `name=value`, or
-//! `failed` and the reason, separated by tabs. A file is a compute shader; `VERTEX:FRAGMENT` names the two stages of a graphics pipeline,
-//! and the figures are for the second stage. If the compiler crashes, the argument after the last line is the cause.
+//! `glint_isa FILE...` prints the device's name, and then a line for each argument with statistics as `name=value`. A file is a compute
+//! shader; `VERTEX:FRAGMENT` names the two stages of a graphics pipeline, and the figures are for the second stage.
 //!
 //! The caller's environment picks the driver (`VK_DRIVER_FILES`) and the GPU (`RADV_FORCE_FAMILY`). `cargo xtask isa` is that caller.
 
-mod device;
 mod pipeline;
-mod spirv;
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, ensure};
+use ash::khr;
 use std::env;
 use std::fs;
-use std::io::{self, Write};
 
-use device::Null;
-use spirv::Shader;
+use glint_isa::device::Vulkan;
+use glint_isa::spirv::Shader;
 
 fn main() -> Result<()> {
-    let null = Null::open()?;
-    let mut out = io::stdout().lock();
-    writeln!(out, "{}", null.name)?;
-    for argument in env::args().skip(1) {
-        let outcome = match compile(&null, &argument) {
-            Ok(figures) => format!("ok\t{figures}"),
-            Err(error) => format!("failed\t{error:#}").replace('\n', " "),
+    let arguments: Vec<_> = env::args().skip(1).collect();
+    let null = Vulkan::open(&[
+        khr::fragment_shading_rate::NAME,
+        khr::pipeline_executable_properties::NAME,
+    ])?;
+    ensure!(null.name.contains("Null hardware"), "{} is no null device", null.name);
+    glint_isa::report(&null.name, &arguments, |argument| {
+        let (vertex, shader) = match argument.split_once(':') {
+            Some((vertex, fragment)) => (Some(read(vertex)?), read(fragment)?),
+            None => (None, read(argument)?),
         };
-        writeln!(out, "{argument}\t{outcome}")?;
-        out.flush()?;
-    }
-    Ok(())
-}
-
-fn compile(null: &Null, argument: &str) -> Result<String> {
-    let (vertex, shader) = match argument.split_once(':') {
-        Some((vertex, fragment)) => (Some(read(vertex)?), read(fragment)?),
-        None => (None, read(argument)?),
-    };
-    pipeline::statistics(null, &shader, vertex.as_ref())
+        pipeline::statistics(&null, &shader, vertex.as_ref())
+    })
 }
 
 fn read(path: &str) -> Result<Shader> {

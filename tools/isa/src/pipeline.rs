@@ -1,9 +1,9 @@
 //! From SPIR-V to a pipeline, and to the compiler's figures about it.
 
-use crate::device::Null;
-use crate::spirv::{Binding, Shader};
 use anyhow::{Context, Result, ensure};
-use ash::vk;
+use ash::{Device, khr, vk};
+use glint_isa::device::Vulkan;
+use glint_isa::spirv::{Binding, Shader};
 use std::collections::BTreeMap;
 use std::fmt::Write;
 use std::slice;
@@ -12,11 +12,12 @@ use std::slice;
 const PUSHED: u32 = 128;
 
 /// Statistics of a pipeline's executable for `stage`, as `name=value` with tabs between.
-pub fn statistics(null: &Null, shader: &Shader, vertex: Option<&Shader>) -> Result<String> {
-    let made = Pipeline::make(null, shader, vertex)?;
+pub fn statistics(null: &Vulkan, shader: &Shader, vertex: Option<&Shader>) -> Result<String> {
+    let driver = khr::pipeline_executable_properties::Device::new(&null.instance, &null.device);
+    let made = Pipeline::make(&null.device, shader, vertex)?;
     let info = vk::PipelineInfoKHR::default().pipeline(made.pipeline);
     // SAFETY: the pipeline was made with the flag for statistics.
-    let executables = unsafe { null.executables.get_pipeline_executable_properties(&info) }?;
+    let executables = unsafe { driver.get_pipeline_executable_properties(&info) }?;
     let index = executables
         .iter()
         .position(|executable| executable.stages.contains(shader.stage))
@@ -26,17 +27,14 @@ pub fn statistics(null: &Null, shader: &Shader, vertex: Option<&Shader>) -> Resu
         .pipeline(made.pipeline)
         .executable_index(index as u32);
     // SAFETY: the index is one that the driver listed.
-    let figures = unsafe { null.executables.get_pipeline_executable_statistics(&info) }?;
+    let figures = unsafe { driver.get_pipeline_executable_statistics(&info) }?;
+    let shared = null.properties.limits.max_compute_shared_memory_size;
     for figure in &figures {
         let name = figure.name_as_c_str().unwrap_or_default().to_string_lossy();
         if name == "LDS size" {
             // SAFETY: it is a count.
             let bytes = unsafe { figure.value.u64 };
-            ensure!(
-                bytes <= u64::from(null.shared),
-                "workgroups share {bytes} of {} bytes",
-                null.shared
-            );
+            ensure!(bytes <= u64::from(shared), "workgroups share {bytes} of {shared} bytes");
         }
         // SAFETY: the format determines the member of the union that was written.
         let value = unsafe {
@@ -54,7 +52,7 @@ pub fn statistics(null: &Null, shader: &Shader, vertex: Option<&Shader>) -> Resu
 
 /// A pipeline with all that it was made of.
 struct Pipeline<'a> {
-    null: &'a Null,
+    device: &'a Device,
     sets: Vec<vk::DescriptorSetLayout>,
     layout: vk::PipelineLayout,
     modules: Vec<vk::ShaderModule>,
@@ -63,10 +61,10 @@ struct Pipeline<'a> {
 
 impl<'a> Pipeline<'a> {
     /// Compiles a compute shader, or a fragment shader after a vertex shader.
-    fn make(null: &'a Null, shader: &Shader, vertex: Option<&Shader>) -> Result<Self> {
+    fn make(device: &'a Device, shader: &Shader, vertex: Option<&Shader>) -> Result<Self> {
         // Missing objects are null handles, which Vulkan allows to destroy.
         let mut made = Self {
-            null,
+            device,
             sets: Vec::new(),
             layout: vk::PipelineLayout::null(),
             modules: Vec::new(),
@@ -77,8 +75,7 @@ impl<'a> Pipeline<'a> {
         for shader in &shaders {
             let info = vk::ShaderModuleCreateInfo::default().code(&shader.words);
             // SAFETY: naga wrote the code, and the driver is under test.
-            made.modules
-                .push(unsafe { null.device.create_shader_module(&info, None) }?);
+            made.modules.push(unsafe { device.create_shader_module(&info, None) }?);
         }
         let stages: Vec<_> = shaders
             .iter()
@@ -125,7 +122,7 @@ impl<'a> Pipeline<'a> {
                 .collect();
             let info = vk::DescriptorSetLayoutCreateInfo::default().bindings(&bindings);
             // SAFETY: each binding is there once.
-            let layout = unsafe { self.null.device.create_descriptor_set_layout(&info, None) }?;
+            let layout = unsafe { self.device.create_descriptor_set_layout(&info, None) }?;
             self.sets.push(layout);
         }
         let stages = shaders
@@ -137,7 +134,7 @@ impl<'a> Pipeline<'a> {
             info = info.push_constant_ranges(slice::from_ref(&range));
         }
         // SAFETY: the sets were made above.
-        self.layout = unsafe { self.null.device.create_pipeline_layout(&info, None) }?;
+        self.layout = unsafe { self.device.create_pipeline_layout(&info, None) }?;
         Ok(())
     }
 
@@ -148,8 +145,7 @@ impl<'a> Pipeline<'a> {
             .flags(vk::PipelineCreateFlags::CAPTURE_STATISTICS_KHR);
         // SAFETY: the layout was made from the shader's own bindings.
         let made = unsafe {
-            self.null
-                .device
+            self.device
                 .create_compute_pipelines(vk::PipelineCache::null(), slice::from_ref(&info), None)
         };
         first(made)
@@ -198,8 +194,7 @@ impl<'a> Pipeline<'a> {
             .push_next(&mut rate);
         // SAFETY: the layout was made from the shaders' own bindings, and the formats from the outputs.
         let made = unsafe {
-            self.null
-                .device
+            self.device
                 .create_graphics_pipelines(vk::PipelineCache::null(), slice::from_ref(&info), None)
         };
         first(made)
@@ -214,7 +209,7 @@ fn first(made: Result<Vec<vk::Pipeline>, (Vec<vk::Pipeline>, vk::Result)>) -> Re
 
 impl Drop for Pipeline<'_> {
     fn drop(&mut self) {
-        let device = &self.null.device;
+        let device = &self.device;
         // SAFETY: no command uses any of it, and null handles are ignored.
         unsafe {
             device.destroy_pipeline(self.pipeline, None);

@@ -31,32 +31,43 @@ pub(crate) struct Run<'a> {
 pub(crate) struct Memory {
     pub buffer: vk::Buffer,
     memory: vk::DeviceMemory,
-    size: u64,
+    size: usize,
 }
 
 impl<'a> Run<'a> {
-    pub fn new(gpu: &'a Gpu) -> Self {
+    /// Begins to record commands.
+    pub fn new(gpu: &'a Gpu) -> Result<Self> {
+        let info = vk::CommandBufferAllocateInfo::default()
+            .command_pool(gpu.pool)
+            .command_buffer_count(1);
+        // SAFETY: the pool belongs to the device.
+        let commands = unsafe {
+            let commands = gpu.vulkan.device.allocate_command_buffers(&info)?[0];
+            let info = vk::CommandBufferBeginInfo::default();
+            gpu.vulkan.device.begin_command_buffer(commands, &info)?;
+            commands
+        };
         // Missing objects are null handles, which Vulkan allows to destroy.
-        Self {
+        Ok(Self {
             gpu,
+            commands,
             memory: Vec::new(),
             buffers: Vec::new(),
             images: Vec::new(),
             views: Vec::new(),
             samplers: Vec::new(),
             sets: Vec::new(),
+            structures: Vec::new(),
             pool: vk::DescriptorPool::null(),
             layout: vk::PipelineLayout::null(),
             module: vk::ShaderModule::null(),
             pipeline: vk::Pipeline::null(),
-            commands: vk::CommandBuffer::null(),
             fence: vk::Fence::null(),
-            structures: Vec::new(),
-        }
+        })
     }
 
     pub fn device(&self) -> &'a Device {
-        &self.gpu.device
+        &self.gpu.vulkan.device
     }
 
     /// Makes a buffer with these contents.
@@ -70,9 +81,8 @@ impl<'a> Run<'a> {
         unsafe {
             let buffer = self.device().create_buffer(&info, None)?;
             self.buffers.push(buffer);
-            let memory = self
-                .gpu
-                .allocate(self.device().get_buffer_memory_requirements(buffer), flags)?;
+            let needs = self.device().get_buffer_memory_requirements(buffer);
+            let memory = self.gpu.allocate(needs, flags)?;
             self.memory.push(memory);
             self.device().bind_buffer_memory(buffer, memory, 0)?;
             let mapped = self.device().map_memory(memory, 0, size, vk::MemoryMapFlags::empty())?;
@@ -81,7 +91,7 @@ impl<'a> Run<'a> {
             Ok(Memory {
                 buffer,
                 memory,
-                size: contents.len() as u64,
+                size: contents.len(),
             })
         }
     }
@@ -90,26 +100,12 @@ impl<'a> Run<'a> {
     pub fn read(&self, from: Memory) -> Result<Vec<u8>> {
         // SAFETY: the memory was allocated with this size, no command uses it any more, and it is mapped only here.
         unsafe {
-            let mapped = self
-                .device()
-                .map_memory(from.memory, 0, vk::WHOLE_SIZE, vk::MemoryMapFlags::empty())?;
-            let contents = slice::from_raw_parts(mapped.cast::<u8>(), from.size as usize).to_vec();
+            let flags = vk::MemoryMapFlags::empty();
+            let mapped = self.device().map_memory(from.memory, 0, vk::WHOLE_SIZE, flags)?;
+            let contents = slice::from_raw_parts(mapped.cast::<u8>(), from.size).to_vec();
             self.device().unmap_memory(from.memory);
             Ok(contents)
         }
-    }
-
-    pub fn begin(&mut self) -> Result<()> {
-        let info = vk::CommandBufferAllocateInfo::default()
-            .command_pool(self.gpu.pool)
-            .command_buffer_count(1);
-        // SAFETY: the pool belongs to the device.
-        unsafe {
-            self.commands = self.device().allocate_command_buffers(&info)?[0];
-            self.device()
-                .begin_command_buffer(self.commands, &vk::CommandBufferBeginInfo::default())?;
-        }
-        Ok(())
     }
 
     /// Waits for all earlier commands, and moves images to a new layout.
@@ -137,12 +133,11 @@ impl<'a> Run<'a> {
         let submit = vk::SubmitInfo::default().command_buffers(slice::from_ref(&self.commands));
         // SAFETY: all resources live until the fence is signaled, or the program ends.
         let waited = unsafe {
-            self.gpu.device.end_command_buffer(self.commands)?;
-            self.fence = self.gpu.device.create_fence(&vk::FenceCreateInfo::default(), None)?;
-            self.gpu
-                .device
-                .queue_submit(self.gpu.queue, slice::from_ref(&submit), self.fence)?;
-            self.gpu.device.wait_for_fences(&[self.fence], true, LIMIT)
+            let device = self.device();
+            device.end_command_buffer(self.commands)?;
+            self.fence = device.create_fence(&vk::FenceCreateInfo::default(), None)?;
+            device.queue_submit(self.gpu.queue, slice::from_ref(&submit), self.fence)?;
+            device.wait_for_fences(&[self.fence], true, LIMIT)
         };
         if waited == Err(vk::Result::TIMEOUT) {
             // Nothing that the pass uses can be destroyed.
@@ -162,9 +157,7 @@ impl Drop for Run<'_> {
                 return;
             }
             device.destroy_fence(self.fence, None);
-            if self.commands != vk::CommandBuffer::null() {
-                device.free_command_buffers(self.gpu.pool, &[self.commands]);
-            }
+            device.free_command_buffers(self.gpu.pool, &[self.commands]);
             for structure in &self.structures {
                 self.gpu.structures.destroy_acceleration_structure(*structure, None);
             }
@@ -172,20 +165,17 @@ impl Drop for Run<'_> {
             device.destroy_pipeline_layout(self.layout, None);
             device.destroy_shader_module(self.module, None);
             device.destroy_descriptor_pool(self.pool, None);
-            self.sets
-                .iter()
+            let (sets, views, samplers) = (&self.sets, &self.views, &self.samplers);
+            sets.iter()
                 .for_each(|set| device.destroy_descriptor_set_layout(*set, None));
-            self.views
-                .iter()
-                .for_each(|view| device.destroy_image_view(*view, None));
-            self.samplers
+            views.iter().for_each(|view| device.destroy_image_view(*view, None));
+            samplers
                 .iter()
                 .for_each(|sampler| device.destroy_sampler(*sampler, None));
-            self.images.iter().for_each(|image| device.destroy_image(*image, None));
-            self.buffers
-                .iter()
-                .for_each(|buffer| device.destroy_buffer(*buffer, None));
-            self.memory.iter().for_each(|memory| device.free_memory(*memory, None));
+            let (images, buffers, memory) = (&self.images, &self.buffers, &self.memory);
+            images.iter().for_each(|image| device.destroy_image(*image, None));
+            buffers.iter().for_each(|buffer| device.destroy_buffer(*buffer, None));
+            memory.iter().for_each(|memory| device.free_memory(*memory, None));
         }
     }
 }

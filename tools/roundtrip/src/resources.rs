@@ -3,6 +3,7 @@
 use crate::values::{self, EDGE, Values};
 use anyhow::{Context, Result, anyhow, bail};
 use ash::vk;
+use half::f16;
 use naga::{
     AddressSpace, GlobalVariable, Handle, ImageClass, ImageDimension, Module, ScalarKind, ShaderStage, StorageAccess,
     StorageFormat, Type, TypeInner,
@@ -47,11 +48,12 @@ pub enum Kind {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Image {
     pub format: vk::Format,
+    /// Number and kind of a texel's components.
+    pub texel: (usize, Component),
     pub view: vk::ImageViewType,
     pub extent: [u32; 3],
     pub layers: u32,
-    /// It is bound as a storage image.
-    pub is_storage: bool,
+    pub usage: vk::ImageUsageFlags,
 }
 
 impl Kind {
@@ -61,33 +63,16 @@ impl Kind {
             Self::Storage => vk::DescriptorType::STORAGE_BUFFER,
             Self::Sampler { .. } => vk::DescriptorType::SAMPLER,
             Self::Structure => vk::DescriptorType::ACCELERATION_STRUCTURE_KHR,
-            Self::Image(image) if image.is_storage => vk::DescriptorType::STORAGE_IMAGE,
+            Self::Image(image) if image.usage == vk::ImageUsageFlags::STORAGE => vk::DescriptorType::STORAGE_IMAGE,
             Self::Image(_) => vk::DescriptorType::SAMPLED_IMAGE,
         }
     }
 }
 
-impl Image {
-    pub fn texels(&self) -> usize {
-        self.extent.iter().product::<u32>() as usize * self.layers as usize
-    }
-}
-
-fn parse(source: &str) -> Result<Module> {
-    naga::front::wgsl::parse_str(source).map_err(|error| anyhow!(error.emit_to_string(source)))
-}
-
-/// The stage of an entry point.
-pub fn stage(source: &str, entry: &str) -> Result<ShaderStage> {
-    let module = parse(source)?;
-    let point = module.entry_points.iter().find(|point| point.name == entry);
-    Ok(point.with_context(|| format!("no entry point {entry}"))?.stage)
-}
-
 impl Pass {
     /// Reads the resources of WGSL. The contents depend on their names and the seed alone.
     pub fn read(source: &str, entry: &str, seed: u32) -> Result<Self> {
-        let module = parse(source)?;
+        let module = naga::front::wgsl::parse_str(source).map_err(|error| anyhow!(error.emit_to_string(source)))?;
         let point = module.entry_points.iter().find(|point| point.name == entry);
         let point = point.with_context(|| format!("no entry point {entry}"))?;
         if point.stage != ShaderStage::Compute {
@@ -128,9 +113,8 @@ impl Resource {
         let (kind, is_output, contents) = match (&module.types[variable.ty].inner, variable.space) {
             (TypeInner::Sampler { comparison }, _) => (Kind::Sampler { compares: *comparison }, false, Vec::new()),
             (TypeInner::Image { dim, arrayed, class }, _) => {
-                let (image, kind, is_output) = image(*dim, *arrayed, *class)?;
-                let contents = texels(&mut values, &name, &image, kind)?;
-                (Kind::Image(image), is_output, contents)
+                let (image, is_output) = image(*dim, *arrayed, *class)?;
+                (Kind::Image(image), is_output, texels(&mut values, &name, &image))
             }
             (TypeInner::AccelerationStructure { .. }, _) => (Kind::Structure, false, Vec::new()),
             (_, AddressSpace::Uniform) => (Kind::Uniform, false, buffer(&mut values, module, variable.ty, &name)?),
@@ -180,8 +164,8 @@ fn buffer(values: &mut Values, module: &Module, ty: Handle<Type>, name: &str) ->
     Ok(contents)
 }
 
-/// The image, the kind of its texels, and whether a pass can write to it.
-fn image(dim: ImageDimension, arrayed: bool, class: ImageClass) -> Result<(Image, ScalarKind, bool)> {
+/// The image, and whether a pass can write to it.
+fn image(dim: ImageDimension, arrayed: bool, class: ImageClass) -> Result<(Image, bool)> {
     let (view, extent, layers) = match (dim, arrayed) {
         (ImageDimension::D2, false) => (vk::ImageViewType::TYPE_2D, [EDGE, EDGE, 1], 1),
         (ImageDimension::D2, true) => (vk::ImageViewType::TYPE_2D_ARRAY, [EDGE, EDGE, 1], LAYERS),
@@ -189,58 +173,43 @@ fn image(dim: ImageDimension, arrayed: bool, class: ImageClass) -> Result<(Image
         (ImageDimension::Cube, false) => (vk::ImageViewType::CUBE, [SIDE, SIDE, 1], 6),
         other => bail!("unknown kind of image: {other:?}"),
     };
-    let (format, kind, is_storage, is_output) = match class {
-        ImageClass::Sampled { kind, multi: false } => (sampled(kind)?, kind, false, false),
-        ImageClass::Depth { multi: false } => (vk::Format::D32_SFLOAT, ScalarKind::Float, false, false),
-        ImageClass::Storage { format, access } => {
-            let is_output = access.contains(StorageAccess::STORE);
-            (stored(format)?, naga::Scalar::from(format).kind, true, is_output)
-        }
+    let (format, texel) = match class {
+        ImageClass::Depth { multi: false } => (vk::Format::D32_SFLOAT, (1, Component::Float)),
+        ImageClass::Sampled { kind, multi: false } => format(match kind {
+            ScalarKind::Float => StorageFormat::Rgba32Float,
+            ScalarKind::Uint => StorageFormat::Rgba32Uint,
+            ScalarKind::Sint => StorageFormat::Rgba32Sint,
+            other => bail!("no texture has {other:?}"),
+        })?,
+        ImageClass::Storage { format: stored, .. } => format(stored)?,
         other => bail!("unknown class of image: {other:?}"),
+    };
+    let (usage, is_output) = match class {
+        ImageClass::Storage { access, .. } => (vk::ImageUsageFlags::STORAGE, access.contains(StorageAccess::STORE)),
+        _ => (vk::ImageUsageFlags::SAMPLED, false),
     };
     let image = Image {
         format,
+        texel,
         view,
         extent,
         layers,
-        is_storage,
+        usage,
     };
-    Ok((image, kind, is_output))
+    Ok((image, is_output))
 }
 
-fn sampled(kind: ScalarKind) -> Result<vk::Format> {
-    Ok(match kind {
-        ScalarKind::Float => vk::Format::R32G32B32A32_SFLOAT,
-        ScalarKind::Uint => vk::Format::R32G32B32A32_UINT,
-        ScalarKind::Sint => vk::Format::R32G32B32A32_SINT,
-        other => bail!("no texture has {other:?}"),
-    })
-}
-
-/// Formats of the passes' outputs.
-fn stored(format: StorageFormat) -> Result<vk::Format> {
+/// Vulkan's format, and the number and kind of its components.
+fn format(format: StorageFormat) -> Result<(vk::Format, (usize, Component))> {
     Ok(match format {
-        StorageFormat::R32Uint => vk::Format::R32_UINT,
-        StorageFormat::R32Float => vk::Format::R32_SFLOAT,
-        StorageFormat::Rg32Uint => vk::Format::R32G32_UINT,
-        StorageFormat::Rg32Float => vk::Format::R32G32_SFLOAT,
-        StorageFormat::Rgba16Float => vk::Format::R16G16B16A16_SFLOAT,
-        StorageFormat::Rgba32Uint => vk::Format::R32G32B32A32_UINT,
-        StorageFormat::Rgba32Float => vk::Format::R32G32B32A32_SFLOAT,
-        other => bail!("unknown format {other:?}"),
-    })
-}
-
-/// 32-bit components of a texel; halves are stored by [`half`].
-pub fn components(format: vk::Format) -> Result<(usize, Component)> {
-    Ok(match format {
-        vk::Format::R32_UINT => (1, Component::Integer),
-        vk::Format::R32_SFLOAT | vk::Format::D32_SFLOAT => (1, Component::Float),
-        vk::Format::R32G32_UINT => (2, Component::Integer),
-        vk::Format::R32G32_SFLOAT => (2, Component::Float),
-        vk::Format::R16G16B16A16_SFLOAT => (4, Component::Half),
-        vk::Format::R32G32B32A32_UINT | vk::Format::R32G32B32A32_SINT => (4, Component::Integer),
-        vk::Format::R32G32B32A32_SFLOAT => (4, Component::Float),
+        StorageFormat::R32Uint => (vk::Format::R32_UINT, (1, Component::Integer)),
+        StorageFormat::R32Float => (vk::Format::R32_SFLOAT, (1, Component::Float)),
+        StorageFormat::Rg32Uint => (vk::Format::R32G32_UINT, (2, Component::Integer)),
+        StorageFormat::Rg32Float => (vk::Format::R32G32_SFLOAT, (2, Component::Float)),
+        StorageFormat::Rgba16Float => (vk::Format::R16G16B16A16_SFLOAT, (4, Component::Half)),
+        StorageFormat::Rgba32Uint => (vk::Format::R32G32B32A32_UINT, (4, Component::Integer)),
+        StorageFormat::Rgba32Sint => (vk::Format::R32G32B32A32_SINT, (4, Component::Integer)),
+        StorageFormat::Rgba32Float => (vk::Format::R32G32B32A32_SFLOAT, (4, Component::Float)),
         other => bail!("unknown format {other:?}"),
     })
 }
@@ -253,28 +222,19 @@ pub enum Component {
     Half,
 }
 
-fn texels(values: &mut Values, name: &str, image: &Image, kind: ScalarKind) -> Result<Vec<u8>> {
-    let (count, component) = components(image.format)?;
+fn texels(values: &mut Values, name: &str, image: &Image) -> Vec<u8> {
+    let (count, component) = image.texel;
+    let texels = image.extent.iter().product::<u32>() as usize * image.layers as usize;
     let mut contents = Vec::new();
-    for _ in 0..image.texels() * count {
-        let word = values.texel(name, kind);
+    for _ in 0..texels * count {
+        let word = values.texel(name, component != Component::Integer);
         if component == Component::Half {
-            contents.extend(half(f32::from_bits(word)).to_le_bytes());
+            contents.extend(f16::from_f32(f32::from_bits(word)).to_le_bytes());
         } else {
             contents.extend(word.to_le_bytes());
         }
     }
-    Ok(contents)
-}
-
-/// Bits of a half for a float from 0 to 1, rounded down. Small values become 0.
-fn half(value: f32) -> u16 {
-    let bits = value.to_bits();
-    let exponent = (bits >> 23) & 0xff;
-    if exponent < 113 {
-        return 0;
-    }
-    (((exponent - 112) << 10) | ((bits >> 13) & 0x3ff)) as u16
+    contents
 }
 
 #[cfg(test)]
@@ -322,7 +282,6 @@ mod tests {
         let outputs: Vec<_> = pass.resources.iter().filter(|resource| resource.is_output).collect();
         assert_eq!(outputs.len(), 1);
         assert!(Pass::read(SOURCE, "other", 0).is_err());
-        assert_eq!(stage(SOURCE, "main").unwrap(), ShaderStage::Compute);
     }
 
     #[test]
@@ -335,13 +294,6 @@ mod tests {
             ("_unused", "_unused"),
         ] {
             assert_eq!(plain_name(linked), plain);
-        }
-    }
-
-    #[test]
-    fn halves_are_rounded_down() {
-        for (value, bits) in [(0.0, 0), (1.0, 0x3c00), (0.5, 0x3800), (0.75, 0x3a00), (1e-9, 0)] {
-            assert_eq!(half(value), bits, "{value}");
         }
     }
 }

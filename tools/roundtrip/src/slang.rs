@@ -1,8 +1,8 @@
 //! Slang's compiler for HLSL, through the C functions of its library.
 
 use anyhow::{Context, Result, bail, ensure};
+use ash::vk;
 use libloading::{Library, Symbol};
-use naga::ShaderStage;
 use std::collections::HashSet;
 use std::ffi::{CStr, CString, c_char, c_int, c_void};
 use std::path::Path;
@@ -11,46 +11,14 @@ use std::ptr;
 /// Slang's numbers for the target and the source language.
 const SPIRV: c_int = 6;
 const HLSL: c_int = 2;
-/// Slang's number for a stage.
-fn stage(stage: ShaderStage) -> Result<c_int> {
-    Ok(match stage {
-        ShaderStage::Vertex => 1,
-        ShaderStage::Fragment => 5,
-        ShaderStage::Compute => 6,
-        other => bail!("no pass has the stage {other:?}"),
-    })
-}
-
-/// SPIR-V gets the bindings of HLSL's registers. Each resource of our passes has its own number, so classes of registers don't collide.
-const OPTIONS: [&CStr; 16] = [
-    c"-emit-spirv-directly",
-    c"-capability",
-    c"spirv_1_5",
-    c"-fvk-b-shift",
-    c"0",
-    c"all",
-    c"-fvk-t-shift",
-    c"0",
-    c"all",
-    c"-fvk-u-shift",
-    c"0",
-    c"all",
-    c"-fvk-s-shift",
-    c"0",
-    c"all",
-    // Layouts of buffers are those of DirectX.
-    c"-fvk-use-dx-layout",
-];
-
-/// HLSL that Slang reads, and its stage.
-pub struct Shader {
-    text: CString,
-    stage: c_int,
-}
+/// SPIR-V gets the names of entry points, and the bindings of HLSL's registers: each resource of our passes has its own number, so classes
+/// of registers don't collide. Layouts of buffers are those of DirectX.
+const OPTIONS: &str = "-emit-spirv-directly -capability spirv_1_5 -fvk-use-entrypoint-name -fvk-use-dx-layout \
+    -fvk-b-shift 0 all -fvk-t-shift 0 all -fvk-u-shift 0 all -fvk-s-shift 0 all";
 
 /// Replaces what Slang doesn't know. Constants with a sampler that is looked up in a heap become samplers with a register, the one in the
 /// index. Vectors that are stored to textures with one component become scalars, which other compilers do themselves.
-pub fn prepare(source: &str, stage: ShaderStage) -> Result<Shader> {
+pub fn prepare(source: &str) -> String {
     let scalars: HashSet<_> = source.lines().filter_map(scalar_texture).collect();
     let mut text = String::with_capacity(source.len());
     for line in source.lines() {
@@ -63,10 +31,7 @@ pub fn prepare(source: &str, stage: ShaderStage) -> Result<Shader> {
             text.push('\n');
         }
     }
-    Ok(Shader {
-        text: CString::new(text)?,
-        stage: self::stage(stage)?,
-    })
+    text
 }
 
 /// The name of a texture with one component that can be written.
@@ -100,7 +65,7 @@ fn sampler(line: &str) -> Option<(&str, &str, u32, u32)> {
     Some((kind, name, group.parse().ok()?, register.parse().ok()?))
 }
 
-/// A session of the compiler.
+/// A session of the compiler, which ends with the program.
 pub struct Slang {
     library: Library,
     session: *mut c_void,
@@ -121,30 +86,31 @@ impl Slang {
         // SAFETY: initialisers of Slang's library have no requirements.
         let library = unsafe { Library::new(path) }.with_context(|| path.display().to_string())?;
         // SAFETY: the type is the one of Slang's header; it takes a null pointer.
-        let session = unsafe {
-            let create: Symbol<Create> = library.get(b"spCreateSession\0")?;
-            create(ptr::null_mut())
-        };
+        let session = unsafe { library.get::<Create>(b"spCreateSession\0")?(ptr::null_mut()) };
         ensure!(!session.is_null(), "Slang makes no session");
         Ok(Self { library, session })
     }
 
     /// Name and version.
-    pub fn name(&self) -> String {
+    pub fn name(&self) -> Result<String> {
         // SAFETY: the type is the one of Slang's header, and the text is static.
         let version = unsafe {
-            let tag = self
-                .library
-                .get::<unsafe extern "C" fn() -> *const c_char>(b"spGetBuildTagString\0");
-            tag.ok().map(|tag| CStr::from_ptr(tag()).to_string_lossy().into_owned())
+            let tag: Symbol<unsafe extern "C" fn() -> *const c_char> = self.library.get(b"spGetBuildTagString\0")?;
+            CStr::from_ptr(tag())
         };
-        format!("Slang {}", version.unwrap_or_default())
+        Ok(format!("Slang {}", version.to_string_lossy()))
     }
 
     /// Compiles an entry point to SPIR-V.
-    pub fn compile(&self, shader: &Shader, entry: &str) -> Result<Vec<u8>> {
-        let entry = CString::new(entry)?;
-        let options = OPTIONS.map(CStr::as_ptr);
+    pub fn compile(&self, source: &str, stage: vk::ShaderStageFlags, entry: &str) -> Result<Vec<u8>> {
+        let (source, entry) = (CString::new(source)?, CString::new(entry)?);
+        let options: Vec<_> = OPTIONS.split(' ').map(CString::new).collect::<Result<_, _>>()?;
+        let options: Vec<_> = options.iter().map(|option| option.as_ptr()).collect();
+        let stage = match stage {
+            vk::ShaderStageFlags::VERTEX => 1,
+            vk::ShaderStageFlags::FRAGMENT => 5,
+            _ => 6,
+        };
         // SAFETY: the types are those of Slang's header, all texts end with a zero and live until the request is destroyed.
         unsafe {
             let request = self.request()?;
@@ -161,10 +127,10 @@ impl Slang {
             let unit = add_unit(request.handle, HLSL, c"pass".as_ptr());
             let add_source: Symbol<unsafe extern "C" fn(*mut c_void, c_int, *const c_char, *const c_char)> =
                 self.library.get(b"spAddTranslationUnitSourceString\0")?;
-            add_source(request.handle, unit, c"pass.hlsl".as_ptr(), shader.text.as_ptr());
+            add_source(request.handle, unit, c"pass.hlsl".as_ptr(), source.as_ptr());
             let add_entry: Symbol<unsafe extern "C" fn(*mut c_void, c_int, *const c_char, c_int) -> c_int> =
                 self.library.get(b"spAddEntryPoint\0")?;
-            let index = add_entry(request.handle, unit, entry.as_ptr(), shader.stage);
+            let index = add_entry(request.handle, unit, entry.as_ptr(), stage);
             let compile: Symbol<unsafe extern "C" fn(*mut c_void) -> i32> = self.library.get(b"spCompile\0")?;
             if compile(request.handle) < 0 {
                 bail!("{}", request.diagnostics()?);
@@ -225,11 +191,8 @@ fn without_language(code: &[u8]) -> Vec<u8> {
 /// The first errors among diagnostics, with the lines that they show.
 fn errors(text: &str) -> String {
     const LINES: usize = 12;
-    let lines: Vec<_> = text
-        .lines()
-        .skip_while(|line| !line.starts_with("error") && !line.starts_with("fatal"))
-        .take(LINES)
-        .collect();
+    let begins = |line: &&str| line.starts_with("error") || line.starts_with("fatal");
+    let lines: Vec<_> = text.lines().skip_while(|line| !begins(line)).take(LINES).collect();
     if lines.is_empty() {
         text.to_owned()
     } else {
@@ -243,17 +206,6 @@ impl Drop for Request<'_> {
         unsafe {
             if let Ok(destroy) = self.slang.library.get::<Destroy>(b"spDestroyCompileRequest\0") {
                 destroy(self.handle);
-            }
-        }
-    }
-}
-
-impl Drop for Slang {
-    fn drop(&mut self) {
-        // SAFETY: the type is the one of Slang's header, and all requests are destroyed.
-        unsafe {
-            if let Ok(destroy) = self.library.get::<Destroy>(b"spDestroySession\0") {
-                destroy(self.session);
             }
         }
     }
@@ -294,8 +246,7 @@ RWTexture2D<float4> colors : register(u6);
     colors[id_1] = float4(_e97);
     rates_1 = rates;
 ";
-        let shader = prepare(source, ShaderStage::Compute).unwrap();
-        assert_eq!((shader.text.to_str(), shader.stage), (Ok(expected), 6));
+        assert_eq!(prepare(source), expected);
     }
 
     #[test]

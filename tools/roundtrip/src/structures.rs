@@ -72,7 +72,7 @@ fn input(run: &mut Run, contents: &[u8]) -> Result<u64> {
 fn address(run: &Run, memory: Memory) -> u64 {
     let info = vk::BufferDeviceAddressInfo::default().buffer(memory.buffer);
     // SAFETY: the buffer was made with the usage for addresses.
-    unsafe { run.gpu.device.get_buffer_device_address(&info) }
+    unsafe { run.device().get_buffer_device_address(&info) }
 }
 
 /// Records the build of a level.

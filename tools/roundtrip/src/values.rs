@@ -154,10 +154,10 @@ impl Values {
     }
 
     /// A texel's component.
-    pub fn texel(&mut self, name: &str, kind: ScalarKind) -> u32 {
-        match kind {
-            ScalarKind::Float if name.contains("motion") => (0.1 * (self.unit() - 0.5)).to_bits(),
-            ScalarKind::Float => self.unit().to_bits(),
+    pub fn texel(&mut self, name: &str, is_float: bool) -> u32 {
+        match is_float {
+            true if name.contains("motion") => (0.1 * (self.unit() - 0.5)).to_bits(),
+            true => self.unit().to_bits(),
             // Active, with blocks of up to two by two pixels; `RATE_THOROUGH` of `rate/codes.wesl`.
             _ if name.contains("rate") => 0x100 | (self.bits() & 0x405),
             _ => self.packed(),
@@ -167,21 +167,15 @@ impl Values {
 
 /// Bytes of a type; arrays without a length get [`ELEMENTS`].
 pub fn size(module: &Module, ty: Handle<Type>) -> u32 {
-    let dynamic = |ty: Handle<Type>| match module.types[ty].inner {
+    match &module.types[ty].inner {
         TypeInner::Array {
             size: ArraySize::Dynamic,
             stride,
             ..
-        } => Some(stride * ELEMENTS),
-        _ => None,
-    };
-    if let Some(bytes) = dynamic(ty) {
-        return bytes;
-    }
-    match &module.types[ty].inner {
+        } => stride * ELEMENTS,
         TypeInner::Struct { members, span } => {
-            let last = members.last().and_then(|last| Some(last.offset + dynamic(last.ty)?));
-            last.unwrap_or(*span)
+            let end = members.last().map(|last| last.offset + size(module, last.ty));
+            end.unwrap_or_default().max(*span)
         }
         inner => inner.size(module.to_ctx()),
     }
