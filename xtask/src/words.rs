@@ -1,7 +1,7 @@
 //! `cargo xtask words`: counts habits of speech in comments and documentation, so that they don't come back.
 
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use anyhow::Result;
 use clap::Args;
@@ -18,103 +18,55 @@ pub struct Options {
     list: Option<String>,
 }
 
-/// A habit of speech.
-struct Pattern {
-    name: &'static str,
-    /// Occurrences per 1,000 lines of comments to aim at.
-    limit: Option<f64>,
-    /// Sequences of words in lower case, any of which counts. A sequence that begins with `^` counts only at the start of a comment.
-    words: &'static [&'static [&'static str]],
-}
+/// A habit of speech: its name, the occurrences per 1,000 lines of comments to aim at, and sequences of words in lower case, any of which
+/// counts. A sequence that begins with `^` counts only at the start of a comment.
+type Pattern = (&'static str, Option<f64>, &'static [&'static str]);
 
 const PATTERNS: [Pattern; 10] = [
     // "What it is" as an object: name the thing.
-    Pattern {
-        name: "what",
-        limit: Some(4.0),
-        words: &[&["what"]],
-    },
+    ("what", Some(4.0), &["what"]),
     // Split the sentence.
-    Pattern {
-        name: "whose",
-        limit: Some(5.0),
-        words: &[&["whose"], &["of", "which"], &["thereof"]],
-    },
+    ("whose", Some(5.0), &["whose", "of which", "thereof"]),
     // Data is, lies or is stored.
-    Pattern {
-        name: "stand",
-        limit: Some(1.0),
-        words: &[&["stand"], &["stands"], &["stood"]],
-    },
+    ("stand", Some(1.0), &["stand", "stands", "stood"]),
     // Can, might.
-    Pattern {
-        name: "may",
-        limit: Some(8.0),
-        words: &[&["may"]],
-    },
+    ("may", Some(8.0), &["may"]),
     // Name the caller.
-    Pattern {
-        name: "nobody",
-        limit: Some(0.0),
-        words: &[&["nobody"], &["somebody"], &["anybody"], &["whoever"]],
-    },
+    ("nobody", Some(0.0), &["nobody", "somebody", "anybody", "whoever"]),
     // Repeat the noun.
-    Pattern {
-        name: "those that",
-        limit: None,
-        words: &[
-            &["those", "that"],
-            &["those", "of"],
-            &["those", "which"],
-            &["those", "whose"],
-        ],
-    },
+    (
+        "those that",
+        None,
+        &["those that", "those of", "those which", "those whose"],
+    ),
     // Image, frame.
-    Pattern {
-        name: "picture",
-        limit: None,
-        words: &[&["picture"], &["pictures"]],
-    },
+    ("picture", None, &["picture", "pictures"]),
     // Documentation is read out of order.
-    Pattern {
-        name: "the same for",
-        limit: None,
-        words: &[&["^", "the", "same"]],
-    },
+    ("the same for", None, &["^ the same"]),
     // Static, converged.
-    Pattern {
-        name: "at rest",
-        limit: None,
-        words: &[&["at", "rest"]],
-    },
+    ("at rest", None, &["at rest"]),
     // A number.
-    Pattern {
-        name: "so many",
-        limit: None,
-        words: &[&["so", "many"]],
-    },
+    ("so many", None, &["so many"]),
 ];
 
 /// Prints the counts, or the places of one pattern.
 pub fn run(options: &Options) -> Result<()> {
     let root = cargo::workspace_root();
     let default = [PathBuf::from("src")];
-    let folders = if options.folders.is_empty() {
-        &default[..]
-    } else {
-        &options.folders
-    };
+    let is_default = options.folders.is_empty();
+    let folders = if is_default { &default[..] } else { &options.folders };
     let (mut lines, mut counts) = (0, [0; PATTERNS.len()]);
     for folder in folders {
         for file in file_sizes::sources(&root.join(folder)) {
             let comments = comments(&fs::read_to_string(&file)?);
             lines += comments.iter().map(|comment| comment.lines).sum::<usize>();
             for comment in &comments {
-                for (pattern, count) in PATTERNS.iter().zip(&mut counts) {
-                    let found = pattern.count(&comment.text);
-                    *count += found;
-                    if found > 0 && options.list.as_deref() == Some(pattern.name) {
-                        show(file.strip_prefix(&root).unwrap_or(&file), comment);
+                for ((name, _, sequences), total) in PATTERNS.iter().zip(&mut counts) {
+                    let found = count(sequences, &comment.text);
+                    *total += found;
+                    if found > 0 && options.list.as_deref() == Some(name) {
+                        let file = file.strip_prefix(&root).unwrap_or(&file).display();
+                        progress::result(format_args!("{file}:{}: {}", comment.line, comment.text));
                     }
                 }
             }
@@ -124,41 +76,31 @@ pub fn run(options: &Options) -> Result<()> {
     Ok(())
 }
 
-fn show(file: &Path, comment: &Comment) {
-    progress::result(format_args!("{}:{}: {}", file.display(), comment.line, comment.text));
-}
-
 /// One row per pattern: count, count per 1,000 lines, limit.
 fn table(lines: usize, counts: &[usize]) -> String {
     let mut text = String::from("pattern       count  per 1,000  aim\n");
-    for (pattern, count) in PATTERNS.iter().zip(counts) {
+    for ((name, limit, _), count) in PATTERNS.iter().zip(counts) {
         let rate = 1000.0 * *count as f64 / lines.max(1) as f64;
-        let limit = pattern.limit.map_or(String::new(), |limit| {
+        let limit = limit.map_or(String::new(), |limit| {
             format!("{limit:4}{}", if rate > limit { "  above" } else { "" })
         });
-        text += format!("{:<13} {count:>5}  {rate:>9.1} {limit}", pattern.name).trim_end();
+        text += format!("{:<13} {count:>5}  {rate:>9.1} {limit}", name).trim_end();
         text.push('\n');
     }
     text
 }
 
-impl Pattern {
-    fn count(&self, text: &str) -> usize {
-        // Code isn't prose.
-        let prose: String = text.split('`').step_by(2).collect::<Vec<_>>().join(" ` ");
-        let mut words = vec!["^".to_owned()];
-        words.extend(prose.split_whitespace().map(|word| {
-            let word = word.trim_matches(|letter: char| !letter.is_alphanumeric() && letter != '`');
-            word.to_lowercase()
-        }));
-        let found = |sequence: &&[&str]| {
-            words
-                .windows(sequence.len())
-                .filter(|window| window == sequence)
-                .count()
-        };
-        self.words.iter().map(found).sum()
+/// Counts these sequences of words in a comment.
+fn count(sequences: &[&str], text: &str) -> usize {
+    // Code isn't prose.
+    let prose: String = text.split('`').step_by(2).collect::<Vec<_>>().join(" ` ");
+    let mut words = " ^ ".to_owned();
+    for word in prose.split_whitespace() {
+        let word = word.trim_matches(|letter: char| !letter.is_alphanumeric() && letter != '`');
+        words += &format!(" {} ", word.to_lowercase());
     }
+    let found = |sequence: &&str| words.matches(&format!(" {} ", sequence.replace(' ', "  "))).count();
+    sequences.iter().map(found).sum()
 }
 
 /// Consecutive lines of comment.
@@ -208,11 +150,6 @@ fn comments(code: &str) -> Vec<Comment> {
 mod tests {
     use super::*;
 
-    fn count(name: &str, text: &str) -> usize {
-        let pattern = PATTERNS.iter().find(|pattern| pattern.name == name).unwrap();
-        pattern.count(text)
-    }
-
     #[test]
     fn comments_are_joined() {
         let code = "//! One\n//! two.\n\nlet a = \"https://x.org\"; // three\nlet b = 1; // four\n///\n/// five\n";
@@ -226,6 +163,10 @@ mod tests {
 
     #[test]
     fn patterns_are_counted() {
+        let count = |name: &str, text| {
+            let (_, _, sequences) = PATTERNS.iter().find(|pattern| pattern.0 == name).unwrap();
+            count(sequences, text)
+        };
         assert_eq!(count("what", "Stores what it is, and what rays hit. Whatever."), 2);
         assert_eq!(count("whose", "of\nwhich none; whose, wholesome"), 2);
         assert_eq!(count("stand", "It stands. A stand-in. `stand`"), 1);
