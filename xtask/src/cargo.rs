@@ -90,23 +90,22 @@ pub fn without_internals(subcommand: &str) -> Command {
 
 /// Builds a binary of a tool and returns the command that runs it in the current folder.
 pub fn program(name: &str) -> Result<Command> {
-    let built = build(workspace("build").args(["--bin", name]))?;
-    let Some(built) = built.into_iter().find(|built| built.name == name) else {
-        bail!("cargo built no program `{name}`");
-    };
-    let mut command = command(built.executable);
+    let mut command = command(build_one(workspace("build").args(["--bin", name]), name)?.executable);
     // Otherwise Bevy looks for assets beside the program.
     command.env("BEVY_ASSET_ROOT", workspace_root());
     Ok(command)
 }
 
+/// Builds a program of tests and returns the command that runs it.
+pub fn test_program(name: &str) -> Result<Command> {
+    Ok(build_one(tests().args(["--no-run", "--test", name]), name)?.command())
+}
+
 /// `cargo <subcommand>` for one of the packages in [`APART`].
 pub fn apart(subcommand: &str, package: &str) -> Command {
-    let root = workspace_root();
     let mut command = cargo(subcommand);
-    command
-        .arg("--manifest-path")
-        .arg(root.join(package).join("Cargo.toml"));
+    let manifest = workspace_root().join(package).join("Cargo.toml");
+    command.arg("--manifest-path").arg(manifest);
     if env::var_os(TARGET).is_none() {
         // Otherwise the folder is beside its manifest, where git would see it.
         command.env(TARGET, target_folder());
@@ -126,11 +125,10 @@ pub fn program_apart(package: &str) -> Result<PathBuf> {
     if environment::is_ci() {
         command.arg("--locked");
     }
-    let mut built = build(&mut command)?;
-    match built.pop() {
-        Some(program) => Ok(program.executable),
-        None => bail!("cargo built no program of {package}"),
-    }
+    let program = build(&mut command)?.pop();
+    Ok(program
+        .with_context(|| format!("cargo built no program of {package}"))?
+        .executable)
 }
 
 /// A program that cargo built.
@@ -139,12 +137,9 @@ pub struct Executable {
     /// The name of the target.
     pub name: String,
     /// The folder of its package.
-    pub package: PathBuf,
-    /// Its source file.
+    package: PathBuf,
     pub source: PathBuf,
-    /// The program itself.
     pub executable: PathBuf,
-    /// True for programs that run tests.
     pub is_test: bool,
 }
 
@@ -161,6 +156,15 @@ impl Executable {
             is_test: message["profile"]["test"].as_bool()?,
         })
     }
+
+    /// The command that runs it as cargo runs tests.
+    pub fn command(&self) -> Command {
+        let mut command = command(&self.executable);
+        command
+            .current_dir(&self.package)
+            .env("CARGO_MANIFEST_DIR", &self.package);
+        command
+    }
 }
 
 /// Runs a command of cargo that compiles, and returns the requested programs.
@@ -175,6 +179,18 @@ pub fn build(command: &mut Command) -> Result<Vec<Executable>> {
     }
     let messages = String::from_utf8_lossy(&output.stdout);
     Ok(messages.lines().filter_map(Executable::parse).collect())
+}
+
+/// Like [`build`], for the only program of this name.
+pub fn build_one(command: &mut Command, name: &str) -> Result<Executable> {
+    let built = build(command)?.into_iter().find(|built| built.name == name);
+    built.with_context(|| format!("cargo built no program `{name}`"))
+}
+
+/// The output of `cargo metadata`.
+pub fn metadata() -> Result<Value> {
+    let output = cargo("metadata").args(["--no-deps", "--format-version=1"]).output()?;
+    serde_json::from_slice(&output.stdout).context("`cargo metadata` failed")
 }
 
 /// Runs a command to its end and shows its output; `what` completes the sentence "… failed".

@@ -7,8 +7,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use anyhow::{Context, Result, ensure};
-use serde_json::Value;
+use anyhow::{Result, ensure};
 
 use crate::{cargo, progress};
 
@@ -29,9 +28,6 @@ pub struct Options {
 }
 
 /// Makes the package, and runs all steps of cargo's publication except the upload.
-///
-/// # Errors
-/// If cargo refuses the package.
 pub fn run(options: &Options) -> Result<()> {
     let target = cargo::workspace_root().join("target/upload");
     // Cargo doesn't count a folder of this name as part of the workspace around it.
@@ -49,8 +45,9 @@ pub fn run(options: &Options) -> Result<()> {
     }
     progress::step("cargo publish --dry-run", || {
         let mut publish = cargo::cargo("publish");
-        publish.current_dir(&folder);
-        publish.args(["--dry-run", "--allow-dirty", "--target-dir"]);
+        publish
+            .current_dir(&folder)
+            .args(["--dry-run", "--allow-dirty", "--target-dir"]);
         publish.arg(target.join("publish"));
         if !options.verify {
             publish.arg("--no-verify");
@@ -62,22 +59,12 @@ pub fn run(options: &Options) -> Result<()> {
 }
 
 /// Packages the library, unpacks it below a folder, and returns its path.
-///
-/// # Errors
-/// If cargo refuses the package.
 pub fn unpack(folder: &Path) -> Result<PathBuf> {
     // Leaves only this version there.
     _ = fs::remove_dir_all(folder);
     let mut command = cargo::cargo("package");
-    command.args([
-        "--package",
-        PACKAGE,
-        "--no-verify",
-        "--allow-dirty",
-        "--quiet",
-        "--target-dir",
-    ]);
-    cargo::run(command.arg(folder), "cargo package")?;
+    command.args(["--package", PACKAGE, "--no-verify", "--allow-dirty", "--quiet"]);
+    cargo::run(command.arg("--target-dir").arg(folder), "cargo package")?;
     let packages = folder.join("package");
     let mut files: Vec<PathBuf> = fs::read_dir(&packages)?.flatten().map(|file| file.path()).collect();
     files.retain(|path| path.extension().is_some_and(|end| end == "crate"));
@@ -92,9 +79,7 @@ pub fn unpack(folder: &Path) -> Result<PathBuf> {
 
 /// The address in the library's manifest.
 fn repository() -> Result<Option<String>> {
-    let mut metadata = cargo::cargo("metadata");
-    let output = metadata.args(["--no-deps", "--format-version=1"]).output()?;
-    let metadata: Value = serde_json::from_slice(&output.stdout).context("cargo metadata failed")?;
+    let metadata = cargo::metadata()?;
     let packages = metadata["packages"].as_array();
     let library = packages.and_then(|all| all.iter().find(|package| package["name"] == PACKAGE));
     Ok(library.and_then(|library| library["repository"].as_str().map(str::to_owned)))

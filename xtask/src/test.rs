@@ -335,13 +335,8 @@ impl Test {
     fn new(program: &Executable) -> Self {
         let root = cargo::workspace_root();
         let source = program.source.strip_prefix(&root).unwrap_or(&program.source);
-        let mut command = cargo::command(&program.executable);
-        // As cargo runs it.
-        command
-            .current_dir(&program.package)
-            .env("CARGO_MANIFEST_DIR", &program.package)
-            .env(UNSTABLE.0, UNSTABLE.1)
-            .args(REPORT_TIME);
+        let mut command = program.command();
+        command.env(UNSTABLE.0, UNSTABLE.1).args(REPORT_TIME);
         let profile = NamedTempFile::new().ok().map(NamedTempFile::into_temp_path);
         if let Some(path) = &profile {
             command.env(PROFILE, path);

@@ -15,7 +15,6 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail, ensure};
-use serde_json::Value;
 
 use crate::driver::{self, Need};
 use crate::{cargo, progress};
@@ -109,18 +108,9 @@ pub fn run(options: &Options) -> Result<()> {
 /// Runs the test that writes the translations.
 pub fn translate() -> Result<()> {
     let translator = cargo::program_apart("tools/translate")?;
-    let built = cargo::build(cargo::tests().args(["--no-run", "--test", "shaders"]))?;
-    let test = built
-        .into_iter()
-        .find(|program| program.is_test && program.name == "shaders");
-    let test = test.context("cargo built no test program `shaders`")?;
-    let mut command = cargo::command(&test.executable);
-    command
-        .current_dir(&test.package)
-        .env("CARGO_MANIFEST_DIR", &test.package)
-        .env("GLINT_TRANSLATOR", translator)
-        .args([TEST, "--nocapture"]);
-    cargo::run(&mut command, TEST)
+    let mut test = cargo::test_program("shaders")?;
+    test.env("GLINT_TRANSLATOR", translator).args([TEST, "--nocapture"]);
+    cargo::run(&mut test, TEST)
 }
 
 /// From `trace-blocks+MIRRORS.main.spv` to `trace/blocks.main MIRRORS`.
@@ -142,9 +132,7 @@ pub fn name_of_module(path: &Path) -> String {
 
 /// The output folder of tests.
 pub fn temporary_folder() -> Result<PathBuf> {
-    let mut metadata = cargo::cargo("metadata");
-    let output = metadata.args(["--no-deps", "--format-version=1"]).output()?;
-    let metadata: Value = serde_json::from_slice(&output.stdout).context("`cargo metadata` failed")?;
+    let metadata = cargo::metadata()?;
     let target = metadata["target_directory"].as_str().context("no target directory")?;
     Ok(Path::new(target).join("tmp"))
 }

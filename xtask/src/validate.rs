@@ -7,11 +7,10 @@ use std::fs;
 use std::path::Path;
 use std::process::Command;
 
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Result, bail, ensure};
 
-use crate::cargo;
 use crate::driver::{self, Need};
-use crate::progress;
+use crate::{cargo, progress};
 
 const LAYER: &str = "VK_LAYER_KHRONOS_validation";
 const MANIFEST: &str = "vulkan/explicit_layer.d/VkLayer_khronos_validation.json";
@@ -55,10 +54,7 @@ const EXPLAINED: [(&str, &str, &str); 2] = [
     ),
 ];
 
-/// Renders under the layer.
-///
-/// # Errors
-/// If the layer isn't installed, something can't be rendered, or the layer reports an unexplained message.
+/// Renders under the layer, and fails if the layer reports an unexplained message.
 pub fn run() -> Result<()> {
     driver::prepare(Need::RayQuery)?;
     ensure!(
@@ -67,32 +63,16 @@ pub fn run() -> Result<()> {
             .any(|folder| Path::new(folder).join(MANIFEST).exists()),
         "the validation layer isn't installed: on Debian and Ubuntu, `apt-get install vulkan-validationlayers`"
     );
-    let settings = std::env::temp_dir().join(format!("glint_validate_{}", std::process::id()));
-    fs::create_dir_all(&settings)?;
-    fs::write(settings.join("vk_layer_settings.txt"), SETTINGS)?;
-    let result = measure(&settings);
-    _ = fs::remove_dir_all(&settings);
-    result
-}
-
-fn measure(settings: &Path) -> Result<()> {
-    let built = progress::step("build of the tests", || {
-        cargo::build(cargo::tests().args(["--no-run", "--test", "app"]))
-    })?;
-    let test = built
-        .into_iter()
-        .find(|program| program.is_test && program.name == "app");
-    let test = test.context("cargo built no test program `app`")?;
-    let mut tests = cargo::command(&test.executable);
-    tests
-        .current_dir(&test.package)
-        .env("CARGO_MANIFEST_DIR", &test.package)
-        .args([TESTS, "--nocapture", "--test-threads=1"]);
+    let folder = tempfile::tempdir()?;
+    let settings = folder.path().join("vk_layer_settings.txt");
+    fs::write(&settings, SETTINGS)?;
+    let mut tests = progress::step("build of the tests", || cargo::test_program("app"))?;
+    tests.args([TESTS, "--nocapture", "--test-threads=1"]);
     let mut bench = progress::step("build glint_bench", || cargo::program("glint_bench"))?;
     bench.args(BENCH);
     let mut messages = Messages::default();
     for (name, command) in [("tests of all back ends", &mut tests), ("techniques", &mut bench)] {
-        progress::step(name, || messages.collect(command, settings))?;
+        progress::step(name, || messages.collect(command, &settings))?;
     }
     messages.judge()
 }
@@ -105,7 +85,7 @@ impl Messages {
     fn collect(&mut self, command: &mut Command, settings: &Path) -> Result<()> {
         let output = command
             .env("VK_INSTANCE_LAYERS", LAYER)
-            .env("VK_LAYER_SETTINGS_PATH", settings.join("vk_layer_settings.txt"))
+            .env("VK_LAYER_SETTINGS_PATH", settings)
             .env("VK_LOADER_DEBUG", "layer")
             .output()?;
         let said = [output.stdout, output.stderr].map(|bytes| String::from_utf8_lossy(&bytes).into_owned());

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Result, ensure};
 
 use crate::driver::{self, Need};
 use crate::{cargo, environment, progress};
@@ -12,8 +12,7 @@ use crate::{cargo, environment, progress};
 pub const TARGET: &str = "wasm32-unknown-unknown";
 
 /// The default folder of the page.
-pub const FOLDER: &str = "target/web";
-
+const FOLDER: &str = "target/web";
 const DEMO: &str = "glint_web";
 /// The program that packs, serves and checks the page.
 const BROWSER: &str = "tools/browser";
@@ -30,7 +29,6 @@ const EXPECTED: [&str; 10] = [
     "--path=0",
     "--out",
 ];
-
 /// Makes Mesa's CPU driver compute mip levels as others do, instead of approximately.
 const EXACT_TEXTURES: (&str, &str) = ("GALLIVM_PERF", "no_brilinear,no_rho_approx,no_quad_lod,no_aos_sampling");
 
@@ -39,16 +37,16 @@ const EXACT_TEXTURES: (&str, &str) = ("GALLIVM_PERF", "no_brilinear,no_rho_appro
 pub struct Options {
     /// The folder of the page, which any static server can serve.
     #[arg(long, value_name = "DIR", default_value = FOLDER)]
-    pub out: PathBuf,
+    out: PathBuf,
     /// Serve the page on this machine, until the command is stopped.
     #[arg(long)]
-    pub serve: bool,
+    serve: bool,
     /// Port of --serve.
     #[arg(long, value_name = "N", default_value_t = 8080)]
-    pub port: u16,
+    port: u16,
     /// Open the page in headless Chromium on its software adapter, compare it with the native image, and click its panel.
     #[arg(long)]
-    pub check: bool,
+    check: bool,
 }
 
 /// Returns whether the compiler can build for browsers.
@@ -63,9 +61,6 @@ pub fn has_target() -> bool {
 }
 
 /// Makes sure that the page can be built and opened: in continuous integration, missing tools are installed if possible.
-///
-/// # Errors
-/// If something is missing; the error names it.
 pub fn prepare() -> Result<()> {
     ensure!(cfg!(target_os = "linux"), "Chromium is looked for on Linux alone");
     if !has_target() && environment::is_ci() {
@@ -77,9 +72,6 @@ pub fn prepare() -> Result<()> {
 }
 
 /// Builds the page and opens it in a browser.
-///
-/// # Errors
-/// If there is no browser, the build fails, or the page looks different from the native image.
 pub fn check() -> Result<()> {
     prepare()?;
     run(&Options {
@@ -91,24 +83,19 @@ pub fn check() -> Result<()> {
 }
 
 /// Builds the page, and serves or checks it.
-///
-/// # Errors
-/// If something can't be built, or the check finds a difference.
 pub fn run(options: &Options) -> Result<()> {
     let out = std::env::current_dir()?.join(&options.out);
     if options.check {
-        let mut check = prepare_check(&out)?;
-        progress::step("open the page in Chromium", || {
-            cargo::run(&mut check, "the check of the page")
-        })?;
+        driver::prepare(Need::Browser)?;
     }
-    if options.serve || !options.check {
-        let browser = build(&out)?;
-        if options.serve {
-            let mut serve = cargo::command(&browser);
-            serve.arg("serve").arg(&out).args(["--port", &options.port.to_string()]);
-            cargo::run(&mut serve, "the server")?;
-        }
+    let browser = build(&out)?;
+    if options.check {
+        compare(&browser, &out)?;
+    }
+    if options.serve {
+        let mut serve = cargo::command(&browser);
+        serve.arg("serve").arg(&out).args(["--port", &options.port.to_string()]);
+        cargo::run(&mut serve, "the server")?;
     }
     Ok(())
 }
@@ -119,23 +106,20 @@ fn build(out: &Path) -> Result<PathBuf> {
         has_target(),
         "the compiler lacks the platform: `rustup target add {TARGET}`"
     );
-    let wasm = progress::step("build the demo for browsers", demo)?;
+    let mut demo = cargo::cargo("build");
+    demo.args(["--profile=web", "--ignore-rust-version", "--target", TARGET, "-p", DEMO]);
+    let demo = progress::step("build the demo for browsers", || cargo::build_one(&mut demo, DEMO))?;
     let browser = progress::step("build the packer", || cargo::program_apart(BROWSER))?;
     let page = cargo::workspace_root().join("tools/web/page");
     progress::step("pack the page", || {
         let mut pack = cargo::command(&browser);
-        cargo::run(pack.arg("pack").args([&wasm, &page]).arg(out), "the packer")
+        cargo::run(pack.arg("pack").args([&demo.executable, &page]).arg(out), "the packer")
     })?;
     Ok(browser)
 }
 
-/// Builds the page and renders the native image. Returns the command that compares both.
-///
-/// # Errors
-/// If something can't be built or rendered.
-pub fn prepare_check(page: &Path) -> Result<Command> {
-    driver::prepare(Need::Browser)?;
-    let browser = build(page)?;
+/// Renders the native image, and compares the page in a browser with it.
+fn compare(browser: &Path, page: &Path) -> Result<()> {
     let pictures = page.with_extension("check");
     std::fs::create_dir_all(&pictures)?;
     let expected = pictures.join("native.png");
@@ -144,16 +128,9 @@ pub fn prepare_check(page: &Path) -> Result<Command> {
         viewer.env(EXACT_TEXTURES.0, EXACT_TEXTURES.1);
         cargo::run(viewer.args(EXPECTED).arg(&expected), "glint_viewer")
     })?;
-    let mut check = cargo::command(&browser);
-    check.arg("check").args([page, &expected, &pictures]);
-    Ok(check)
-}
-
-/// Builds the demo, and returns the program.
-fn demo() -> Result<PathBuf> {
-    let mut command = cargo::cargo("build");
-    command.args(["--profile=web", "--ignore-rust-version", "--target", TARGET, "-p", DEMO]);
-    let built = cargo::build(&mut command)?.into_iter().find(|built| built.name == DEMO);
-    let demo = built.with_context(|| format!("cargo built no program `{DEMO}`"))?;
-    Ok(demo.executable)
+    progress::step("open the page in Chromium", || {
+        let mut check = cargo::command(browser);
+        check.arg("check").args([page, &expected, &pictures]);
+        cargo::run(&mut check, "the check of the page")
+    })
 }
