@@ -4,14 +4,15 @@
 //! separated by tabs.
 
 use std::io::{BufRead, BufReader};
+use std::iter;
 use std::num::NonZeroUsize;
 use std::process::{Command, Stdio};
-use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::Mutex;
 use std::sync::mpsc::{self, RecvTimeoutError};
 use std::thread;
 use std::time::Duration;
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result};
 
 /// The result for an item: figures by name, or the reason for their absence.
 pub type Outcome = Result<Vec<(String, String)>, String>;
@@ -21,15 +22,24 @@ pub type Outcome = Result<Vec<(String, String)>, String>;
 pub struct Limits {
     /// The program's name in reasons.
     pub what: &'static str,
+    /// Maximum number of items of one process.
+    pub batch: usize,
     /// Time of one item.
     pub time: Duration,
     /// Maximum number of consecutive processes that crash at the same item.
     pub tries: usize,
 }
 
-/// Runs processes that `command` makes for some of the items, and returns the outcome of each item. After a crash the item gets more
-/// tries in fresh processes.
-pub fn run(command: impl Fn(&[&str]) -> Command, items: &[&str], limits: Limits) -> Result<Vec<Outcome>> {
+/// Runs processes that `command` makes for some of the items, one at a time for each core, and returns the outcome of each item. After a
+/// crash the item gets more tries in fresh processes.
+pub fn run(items: &[&str], limits: Limits, command: impl Fn(&[&str]) -> Command + Sync) -> Result<Vec<Outcome>> {
+    let cores = thread::available_parallelism().unwrap_or(NonZeroUsize::MIN);
+    let batches = items.chunks(limits.batch);
+    let outcomes = parallel(cores, batches, |batch| run_batch(batch, limits, &command));
+    Ok(outcomes.into_iter().collect::<Result<Vec<_>>>()?.concat())
+}
+
+fn run_batch(items: &[&str], limits: Limits, command: impl Fn(&[&str]) -> Command) -> Result<Vec<Outcome>> {
     let (mut outcomes, mut crashes) = (Vec::new(), 0);
     while outcomes.len() < items.len() {
         let (done, end) = process(command(&items[outcomes.len()..]), limits.time)?;
@@ -44,31 +54,27 @@ pub fn run(command: impl Fn(&[&str]) -> Command, items: &[&str], limits: Limits)
     Ok(outcomes)
 }
 
-/// Works on batches, one at a time for each core. Returns all outcomes in the order of the batches.
-pub fn parallel<T: Sync>(batches: &[T], work: impl Fn(&T) -> Result<Vec<Outcome>> + Sync) -> Result<Vec<Outcome>> {
-    let next = AtomicUsize::new(0);
-    let work = || -> Result<Vec<(usize, Vec<Outcome>)>> {
-        let mut done = Vec::new();
-        loop {
-            let index = next.fetch_add(1, Ordering::Relaxed);
-            let Some(batch) = batches.get(index) else {
-                return Ok(done);
-            };
-            done.push((index, work(batch)?));
+/// Works on items, some at a time. Returns the results in the order of the items.
+pub fn parallel<T, R: Send>(
+    jobs: NonZeroUsize,
+    items: impl Iterator<Item = T> + Send,
+    work: impl Fn(T) -> R + Sync,
+) -> Vec<R> {
+    let (queue, done) = (Mutex::new(items.enumerate()), Mutex::new(Vec::new()));
+    let next = || queue.lock().ok()?.next();
+    let work = || {
+        for (index, item) in iter::from_fn(next) {
+            let result = work(item);
+            if let Ok(mut done) = done.lock() {
+                done.push((index, result));
+            }
         }
     };
-    let workers = thread::available_parallelism().map_or(1, NonZeroUsize::get);
-    let mut done = thread::scope(|scope| {
-        let threads: Vec<_> = (0..workers).map(|_| scope.spawn(work)).collect();
-        let done = threads.into_iter().map(|thread| match thread.join() {
-            Ok(result) => result,
-            Err(_) => bail!("a thread panicked"),
-        });
-        done.collect::<Result<Vec<_>>>()
-    })?
-    .concat();
+    // A panic of one thread is one of the scope.
+    thread::scope(|scope| (0..jobs.get()).for_each(|_| _ = scope.spawn(work)));
+    let mut done = done.into_inner().unwrap_or_default();
     done.sort_by_key(|(index, _)| *index);
-    Ok(done.into_iter().flat_map(|(_, outcomes)| outcomes).collect())
+    done.into_iter().map(|(_, result)| result).collect()
 }
 
 /// Outcomes until the process ends, and the way it ended.
@@ -144,19 +150,9 @@ mod tests {
     }
 
     #[test]
-    fn batches_keep_their_order() {
-        let batches: Vec<usize> = (0..20).collect();
-        let work = |batch: &usize| Ok(vec![Err(batch.to_string()); 2]);
-        let outcomes = parallel(&batches, work).unwrap();
-        let expected: Vec<Outcome> = (0..40).map(|item| Err((item / 2).to_string())).collect();
-        assert_eq!(outcomes, expected);
-        assert!(
-            parallel(&batches, |batch| if *batch == 7 {
-                bail!("seven")
-            } else {
-                Ok(Vec::new())
-            })
-            .is_err()
-        );
+    fn results_keep_the_order_of_items() {
+        let jobs = NonZeroUsize::new(3).unwrap();
+        let results = parallel(jobs, 0..20, |item| item + 1);
+        assert_eq!(results, (1..21).collect::<Vec<_>>());
     }
 }

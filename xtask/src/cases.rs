@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::fmt;
-use std::iter::Sum;
+use std::ops::AddAssign;
 use std::time::Duration;
 
 use crate::progress::Elapsed;
@@ -15,7 +15,6 @@ const LONG: &str = "long: ";
 pub struct Case {
     /// Its path within the test program.
     pub name: String,
-    /// Its outcome.
     pub end: End,
     /// Its time; zero if the harness doesn't report it.
     pub time: Duration,
@@ -26,9 +25,7 @@ pub struct Case {
 /// The outcome of a test.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum End {
-    /// It succeeded.
     Passed,
-    /// It panicked.
     Failed,
     /// It takes long and didn't run.
     Long,
@@ -88,35 +85,32 @@ impl fmt::Display for Case {
     }
 }
 
-/// The work of apps.
+/// The work of apps: their number, the frames that they rendered, and the pipelines that they compiled.
 #[derive(Debug, Default, Clone, Copy, PartialEq, Eq)]
 pub struct Cost {
-    /// Apps that were started.
     pub apps: u32,
-    /// Frames that they rendered.
     pub frames: u32,
-    /// Pipelines that they compiled.
     pub pipelines: u32,
 }
 
-impl Sum for Cost {
-    fn sum<I: Iterator<Item = Self>>(costs: I) -> Self {
-        costs.fold(Self::default(), |sum, cost| Self {
-            apps: sum.apps + cost.apps,
-            frames: sum.frames + cost.frames,
-            pipelines: sum.pipelines + cost.pipelines,
-        })
+impl AddAssign for Cost {
+    fn add_assign(&mut self, other: Self) {
+        self.apps += other.apps;
+        self.frames += other.frames;
+        self.pipelines += other.pipelines;
     }
 }
 
 impl fmt::Display for Cost {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self {
-            apps,
-            frames,
-            pipelines,
-        } = self;
-        write!(formatter, "{apps} apps, {frames} frames, {pipelines} pipelines")
+        match self.apps {
+            0 => Ok(()),
+            apps => write!(
+                formatter,
+                "{apps} apps, {} frames, {} pipelines",
+                self.frames, self.pipelines
+            ),
+        }
     }
 }
 
@@ -140,13 +134,11 @@ impl Costs {
             if first == "left out" {
                 costs.left_out.insert(name.to_owned(), second.to_owned());
             } else if let (Ok(frames), Ok(pipelines)) = (first.parse(), second.parse()) {
-                let cost = costs.of.entry(name.to_owned()).or_default();
-                let app = Cost {
+                *costs.of.entry(name.to_owned()).or_default() += Cost {
                     apps: 1,
                     frames,
                     pipelines,
                 };
-                *cost = [*cost, app].into_iter().sum();
             }
         }
         costs
@@ -164,28 +156,24 @@ impl Costs {
 
     /// The work of the whole program.
     pub fn total(&self) -> Cost {
-        self.of.values().copied().sum()
+        let mut total = Cost::default();
+        self.of.values().for_each(|cost| total += *cost);
+        total
     }
 }
 
 /// The sum of the result lines of test programs.
 #[derive(Debug, Default, Clone, Copy, PartialEq, Eq)]
 pub struct Tally {
-    /// Tests that succeeded.
-    pub passed: u32,
-    /// Tests that failed.
-    pub failed: u32,
-    /// Tests that didn't run.
-    pub ignored: u32,
+    pub passed: usize,
+    pub failed: usize,
+    pub ignored: usize,
 }
 
 impl Tally {
     /// Counts tests of a program that printed no sum.
     pub fn count(cases: &[Case]) -> Self {
-        let count = |wanted: &[End]| {
-            let counted = cases.iter().filter(|case| wanted.contains(&case.end)).count();
-            u32::try_from(counted).unwrap_or(u32::MAX)
-        };
+        let count = |wanted: &[End]| cases.iter().filter(|case| wanted.contains(&case.end)).count();
         Self {
             passed: count(&[End::Passed]),
             failed: count(&[End::Failed]),
@@ -199,7 +187,7 @@ impl Tally {
         let results = output.lines().filter_map(|line| line.strip_prefix("test result: "));
         for part in results.flat_map(|counts| counts.split([';', '.'])) {
             let mut words = part.split_whitespace();
-            if let (Some(Ok(count)), Some(kind)) = (words.next().map(str::parse::<u32>), words.next()) {
+            if let (Some(Ok(count)), Some(kind)) = (words.next().map(str::parse::<usize>), words.next()) {
                 match kind {
                     "passed" => tally.passed += count,
                     "failed" => tally.failed += count,
@@ -212,13 +200,11 @@ impl Tally {
     }
 }
 
-impl Sum for Tally {
-    fn sum<I: Iterator<Item = Self>>(tallies: I) -> Self {
-        tallies.fold(Self::default(), |sum, tally| Self {
-            passed: sum.passed + tally.passed,
-            failed: sum.failed + tally.failed,
-            ignored: sum.ignored + tally.ignored,
-        })
+impl AddAssign for Tally {
+    fn add_assign(&mut self, other: Self) {
+        self.passed += other.passed;
+        self.failed += other.failed;
+        self.ignored += other.ignored;
     }
 }
 
@@ -238,9 +224,8 @@ pub fn slowest(mut cases: Vec<(String, Duration, Cost)>, rows: usize) -> String 
     cases.truncate(rows);
     let width = cases.iter().map(|(name, ..)| name.len()).max().unwrap_or(0);
     let row = |(name, time, cost): &(String, Duration, Cost)| {
-        let work = if cost.apps > 0 { cost.to_string() } else { String::new() };
         let time = Elapsed(*time).to_string();
-        format!("{name:<width$}  {time:>12}  {work}").trim_end().to_owned() + "\n"
+        format!("{name:<width$}  {time:>12}  {cost}").trim_end().to_owned() + "\n"
     };
     cases.iter().map(row).collect()
 }

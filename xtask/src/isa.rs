@@ -12,7 +12,6 @@ use std::path::Path;
 
 use anyhow::{Result, anyhow, bail, ensure};
 
-use crate::batches::{self, Outcome};
 use crate::driver::{self, Need};
 use crate::translations::{self, PRESETS, TRANSLATED};
 use crate::{cargo, progress};
@@ -21,12 +20,12 @@ use figures::{Figures, Table};
 
 /// GPUs by the driver's names: RDNA 3, RDNA 2, the Steam Deck (RDNA 2) and RDNA 4.
 const GPUS: [&str; 4] = ["navi31", "navi21", "vangogh", "gfx1201"];
-/// Pipelines of one process. A higher value would save nothing, and a crash loses the rest of the process's pipelines.
-const BATCH: usize = 50;
 /// Figures of the passes below, and of passes that spill.
 const FILE: &str = "tests/shaders/isa.txt";
 /// The table of all figures, beside the SPIR-V.
 const ALL: &str = "isa.txt";
+/// SPIR-V's number for the stage of fragment shaders.
+const FRAGMENT: u32 = 4;
 /// The vertex shader for fragment shaders in a module without one.
 const TRIANGLE: &str = "scene-texture_layers.vertex.spv";
 
@@ -63,9 +62,6 @@ pub fn run(options: &Options) -> Result<()> {
 }
 
 /// Finds the GPUs that the driver supports.
-///
-/// # Errors
-/// If there is no such driver, or it has no null device.
 pub fn prepare() -> Result<Vec<Compiler>> {
     let [first, others @ ..] = GPUS;
     let compiler = Compiler::new(first)?;
@@ -86,40 +82,35 @@ pub fn prepare() -> Result<Vec<Compiler>> {
 ///
 /// The first GPU gets all pipelines. The others get the pipelines of the file unless `all` is on.
 ///
-/// # Errors
-/// If a pipeline can't be compiled.
+/// A pipeline that can't be compiled is an error.
 pub fn judge(compilers: &[Compiler], all: bool, accept: bool) -> Result<Vec<String>> {
     let folder = translations::temporary_folder()?;
     let pipelines = pipelines(&folder.join(TRANSLATED))?;
     let (of, file) = figures::from_text(&fs::read_to_string(cargo::workspace_root().join(FILE))?)?;
-    let is_wanted = |gpu: &str, name: &str| {
-        all || gpu == compilers[0].gpu || is_preset(name) || file.contains_key(&(name.to_owned(), gpu.to_owned()))
-    };
-    let jobs: Vec<_> = compilers
-        .iter()
-        .flat_map(|compiler| pipelines.iter().map(move |pipeline| (compiler, pipeline)))
-        .filter(|(compiler, (name, _))| is_wanted(compiler.gpu, name))
-        .map(|(compiler, (name, argument))| Job {
-            compiler,
-            name,
-            argument,
-        })
-        .collect();
     let (mut found, mut failures) = (Table::new(), Vec::new());
-    for (job, outcome) in jobs.iter().zip(compile(&jobs)?) {
-        let figures = outcome.map_err(|reason| anyhow!(reason));
-        match figures.and_then(|told| Figures::read(&told)) {
-            Ok(figures) => _ = found.insert((job.name.to_owned(), job.compiler.gpu.to_owned()), figures),
-            Err(reason) => failures.push(format!("{} on {}: {reason:#}", job.name, job.compiler.gpu)),
+    for compiler in compilers {
+        let key = |name: &str| (name.to_owned(), compiler.gpu.to_owned());
+        let all = all || compiler.gpu == compilers[0].gpu;
+        let wanted = pipelines
+            .iter()
+            .filter(|(name, _)| all || is_preset(name) || file.contains_key(&key(name)));
+        let (names, arguments): (Vec<_>, Vec<_>) = wanted.map(|(name, argument)| (name, argument.as_str())).unzip();
+        for (name, outcome) in names.into_iter().zip(compiler.compile(&arguments)?) {
+            let figures = outcome.map_err(|reason| anyhow!(reason));
+            match figures.and_then(|told| Figures::read(&told)) {
+                Ok(figures) => _ = found.insert(key(name), figures),
+                Err(reason) => failures.push(format!("{name} on {}: {reason:#}", compiler.gpu)),
+            }
         }
     }
+    let count = found.len() + failures.len();
     let gone = PRESETS.iter().filter(|name| !pipelines.contains_key(**name));
     failures.extend(gone.map(|name| format!("{name}: no such pipeline")));
     let driver = driver_version(&compilers[0].name()?);
     fs::write(folder.join(ALL), figures::to_text(&driver, &found))?;
     progress::result(format_args!(
         "{} pipelines for {} GPUs: {} failed, {} spill to memory; {} has the figures of all",
-        jobs.len(),
+        count,
         compilers.len(),
         failures.len(),
         found.values().filter(|figures| figures.spills()).count(),
@@ -144,25 +135,6 @@ fn is_preset(name: &str) -> bool {
     PRESETS.contains(&name)
 }
 
-/// A pipeline to compile for a GPU.
-struct Job<'a> {
-    compiler: &'a Compiler,
-    name: &'a str,
-    argument: &'a str,
-}
-
-/// The outcome of each job. Each core compiles a batch at a time.
-fn compile(jobs: &[Job]) -> Result<Vec<Outcome>> {
-    let batches: Vec<&[Job]> = jobs
-        .chunk_by(|a, b| a.compiler.gpu == b.compiler.gpu)
-        .flat_map(|jobs| jobs.chunks(BATCH))
-        .collect();
-    batches::parallel(&batches, |batch| {
-        let arguments: Vec<_> = batch.iter().map(|job| job.argument).collect();
-        batch[0].compiler.compile(&arguments)
-    })
-}
-
 /// The program's arguments by name, such as `trace/blocks.trace MIRRORS RAY_QUERY`. Many definitions make no difference to a pass, so each
 /// shader is listed once, by its shortest name.
 fn pipelines(folder: &Path) -> Result<BTreeMap<String, String>> {
@@ -170,13 +142,14 @@ fn pipelines(folder: &Path) -> Result<BTreeMap<String, String>> {
     let mut pipelines = BTreeMap::new();
     for (path, spirv) in translations::unique(folder, "spv")? {
         let argument = match stage(&spirv) {
-            Some(Stage::Vertex) => continue,
-            Some(Stage::Compute) => path.display().to_string(),
-            Some(Stage::Fragment) => {
+            // A vertex shader.
+            Some(0) => continue,
+            Some(FRAGMENT) => {
                 let own = path.with_extension("").with_extension("vertex.spv");
                 let vertex = if own.exists() { &own } else { &triangle };
                 format!("{}:{}", vertex.display(), path.display())
             }
+            Some(_) => path.display().to_string(),
             None => bail!("{} has no entry point", path.display()),
         };
         pipelines.insert(translations::name(&path)?, argument);
@@ -184,31 +157,20 @@ fn pipelines(folder: &Path) -> Result<BTreeMap<String, String>> {
     Ok(pipelines)
 }
 
-#[derive(Debug, PartialEq, Eq)]
-enum Stage {
-    Vertex,
-    Fragment,
-    Compute,
-}
-
-/// The stage of SPIR-V's first entry point.
-fn stage(bytes: &[u8]) -> Option<Stage> {
+/// SPIR-V's number for the stage of the first entry point.
+fn stage(bytes: &[u8]) -> Option<u32> {
     const ENTRY_POINT: u32 = 15;
-    let (words, _) = bytes.as_chunks::<4>();
+    let words: Vec<_> = bytes
+        .as_chunks()
+        .0
+        .iter()
+        .map(|word| u32::from_le_bytes(*word))
+        .collect();
     let mut rest = words.get(5..)?;
-    loop {
-        let first = u32::from_le_bytes(*rest.first()?);
-        if first & 0xffff == ENTRY_POINT {
-            break;
-        }
-        rest = rest.get((first >> 16).max(1) as usize..)?;
+    while rest.first()? & 0xffff != ENTRY_POINT {
+        rest = rest.get((rest[0] >> 16).max(1) as usize..)?;
     }
-    match u32::from_le_bytes(*rest.get(1)?) {
-        0 => Some(Stage::Vertex),
-        4 => Some(Stage::Fragment),
-        5 => Some(Stage::Compute),
-        _ => None,
-    }
+    rest.get(1).copied()
 }
 
 /// `Mesa 25.0.7-2` of `Null hardware (RADV NAVI21), Mesa 25.0.7-2`.

@@ -7,13 +7,10 @@ use std::cmp::Reverse;
 use std::env;
 use std::ffi::OsString;
 use std::fs;
-use std::iter;
 use std::mem;
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
 use std::process::Command;
-use std::sync::Mutex;
-use std::thread;
 use std::time::{Duration, Instant};
 
 use anyhow::{Result, ensure};
@@ -23,7 +20,7 @@ use crate::cargo::{self, Executable};
 use crate::cases::{self, Case, Cost, Costs, End, Tally};
 use crate::driver::{self, Need};
 use crate::progress::{self, Elapsed, Times};
-use crate::{environment, new_user, package, web};
+use crate::{batches, environment, new_user, package, web};
 
 mod long;
 mod process;
@@ -67,27 +64,17 @@ const TRACER: &str = "GLINT_TEST_TRACER";
 const SLOWEST: usize = 20;
 
 /// Arguments of `test`.
-#[derive(clap::Args)]
+#[derive(clap::Args, Default)]
 pub struct Options {
-    /// Test programs that run at a time.
-    #[arg(long, value_name = "N", default_value_t = JOBS)]
-    jobs: NonZeroUsize,
+    /// Test programs that run at a time (default: 2).
+    #[arg(long, value_name = "N")]
+    jobs: Option<NonZeroUsize>,
     /// Run the long tests, too: images over hundreds of frames, stress, the page, the package, the new user's app.
     #[arg(long)]
     pub all: bool,
     /// A filter, and other options of the test programs.
     #[arg(last = true, value_name = "ARGS")]
     arguments: Vec<OsString>,
-}
-
-impl Default for Options {
-    fn default() -> Self {
-        Self {
-            jobs: JOBS,
-            all: false,
-            arguments: Vec::new(),
-        }
-    }
 }
 
 /// Builds and runs the tests.
@@ -189,7 +176,7 @@ struct Limits {
 impl Limits {
     fn of(options: &Options) -> Self {
         Self {
-            jobs: options.jobs,
+            jobs: options.jobs.unwrap_or(JOBS),
             end: None,
             stop: None,
         }
@@ -213,9 +200,9 @@ impl Results {
     fn new(outcomes: &[Outcome]) -> Self {
         let mut results = Self::default();
         for outcome in outcomes {
-            results.tally = [results.tally, outcome.tally].into_iter().sum();
-            results.cost = [results.cost, outcome.costs.total()].into_iter().sum();
-            results.tally.ignored += u32::try_from(outcome.late.len()).unwrap_or(0);
+            results.tally += outcome.tally;
+            results.cost += outcome.costs.total();
+            results.tally.ignored += outcome.late.len();
             let late = outcome.late.iter().map(|name| format!("{} {name}", outcome.name));
             results.late.extend(late);
             if !outcome.success {
@@ -242,13 +229,10 @@ impl Results {
     /// Adds the results of long tests, which were skipped before.
     pub fn add(&mut self, second: Self) {
         // Tests that the first tier skipped have run now, or are skipped again.
-        let others = self
-            .tally
-            .ignored
-            .saturating_sub(u32::try_from(self.long.len()).unwrap_or(0));
-        self.tally = [self.tally, second.tally].into_iter().sum();
-        self.tally.ignored = others + u32::try_from(second.long.len()).unwrap_or(0);
-        self.cost = [self.cost, second.cost].into_iter().sum();
+        let others = self.tally.ignored.saturating_sub(self.long.len());
+        self.tally += second.tally;
+        self.tally.ignored = others + second.long.len();
+        self.cost += second.cost;
         self.failed.extend(second.failed);
         self.cases.extend(second.cases);
         self.long = second.long;
@@ -257,7 +241,10 @@ impl Results {
     /// Prints the slowest tests, the work of all, and the names of the skipped ones. Fails if a test failed.
     pub fn judge(mut self) -> Result<()> {
         let slowest = cases::slowest(mem::take(&mut self.cases), SLOWEST);
-        progress::result(format_args!("\nslowest tests:\n{slowest}\nall tests: {}", self.cost));
+        progress::result(format_args!("\nslowest tests:\n{slowest}"));
+        if self.cost.apps > 0 {
+            progress::result(format_args!("all tests: {}", self.cost));
+        }
         if !self.long.is_empty() {
             progress::result(format_args!("left out: {} long tests", self.long.len()));
             for (program, case) in &self.long {
@@ -291,12 +278,8 @@ fn summarize(mut outcomes: Vec<Outcome>, times: &mut Times) {
     for outcome in outcomes {
         let result = if outcome.success { "" } else { ", FAILED" };
         let cost = outcome.costs.total();
-        let work = if cost.apps > 0 {
-            format!("; {cost}")
-        } else {
-            String::new()
-        };
-        let remark = format!("{}{work}{result}", outcome.tally);
+        let separator = if cost.apps > 0 { "; " } else { "" };
+        let remark = format!("{}{separator}{cost}{result}", outcome.tally);
         let name = format!("  {} {}", outcome.name, outcome.part);
         times.add(name.trim_end(), outcome.time, &remark);
     }
@@ -378,28 +361,11 @@ struct Outcome {
 /// Runs all tests, some at a time. With several at a time, each output is shown when the test has ended. Also returns how many of the last
 /// ones didn't begin in time.
 fn run_all(tests: Vec<Test>, limits: Limits, show: fn(&[u8])) -> (Vec<Outcome>, usize) {
-    let queue = Mutex::new(tests.into_iter());
-    let next = || {
-        if limits.end.is_some_and(|end| Instant::now() > end) {
-            return None;
-        }
-        queue.lock().ok()?.next()
-    };
-    let jobs = limits.jobs.get();
-    let work = || {
-        iter::from_fn(next)
-            .map(|test| run_one(test, limits, show))
-            .collect::<Vec<_>>()
-    };
-    let outcomes = thread::scope(|scope| {
-        let workers: Vec<_> = (0..jobs).map(|_| scope.spawn(work)).collect();
-        workers
-            .into_iter()
-            .filter_map(|worker| worker.join().ok())
-            .flatten()
-            .collect()
-    });
-    let late = queue.lock().map_or(0, |tests| tests.len());
+    let count = tests.len();
+    let is_in_time = |_: &Test| limits.end.is_none_or(|end| Instant::now() <= end);
+    let tests = tests.into_iter().take_while(is_in_time);
+    let outcomes = batches::parallel(limits.jobs, tests, |test| run_one(test, limits, show));
+    let late = count - outcomes.len();
     (outcomes, late)
 }
 

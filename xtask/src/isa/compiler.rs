@@ -11,52 +11,45 @@ use anyhow::{Context, Result};
 use crate::batches::{self, Limits, Outcome};
 use crate::cargo;
 
-/// Maximum number of consecutive processes that crash at the same pipeline. Mesa 25.0.7 crashes in one of three at its largest,
-/// and compiles them in the next.
-const TRIES: usize = 8;
-/// Time limit of one pipeline. The slowest takes two seconds.
-const LIMIT: Duration = Duration::from_secs(60);
+const LIMITS: Limits = Limits {
+    what: "the compiler",
+    // A higher value would save nothing, and a crash loses the rest of the process's pipelines.
+    batch: 50,
+    // The slowest pipeline takes two seconds.
+    time: Duration::from_secs(60),
+    // Mesa 25.0.7 crashes in one of three at its largest pipelines, and compiles them in the next.
+    tries: 8,
+};
 
 /// The compiler for one GPU.
+#[derive(Clone)]
 pub struct Compiler {
     /// The program of `tools/isa`.
-    pub program: PathBuf,
+    program: PathBuf,
     /// The driver's manifest.
-    pub driver: PathBuf,
+    driver: PathBuf,
     /// The driver's name of the GPU.
     pub gpu: &'static str,
-    /// Time limit of one pipeline.
-    pub limit: Duration,
+    limits: Limits,
 }
 
 impl Compiler {
     /// Builds the program, and finds the driver.
-    ///
-    /// # Errors
-    /// If the program can't be built, or there is no driver for AMD's GPUs.
     pub fn new(gpu: &'static str) -> Result<Self> {
         Ok(Self {
             driver: driver().context("Mesa's driver of AMD's GPUs (`radeon_icd.json`) isn't installed")?,
             program: cargo::program_apart("tools/isa")?,
             gpu,
-            limit: LIMIT,
+            limits: LIMITS,
         })
     }
 
     /// Like `self`, for another GPU.
     pub fn for_gpu(&self, gpu: &'static str) -> Self {
-        Self {
-            program: self.program.clone(),
-            driver: self.driver.clone(),
-            gpu,
-            limit: self.limit,
-        }
+        Self { gpu, ..self.clone() }
     }
 
-    /// Returns the name of the GPU and the version of the driver.
-    ///
-    /// # Errors
-    /// If the driver has no null device, or doesn't support the GPU.
+    /// Returns the name of the GPU and the version of the driver, or an error if the driver has no null device or doesn't support the GPU.
     pub fn name(&self) -> Result<String> {
         let output = self.command(&[]).stderr(Stdio::piped()).output()?;
         let said = String::from_utf8_lossy(&output.stdout);
@@ -72,12 +65,7 @@ impl Compiler {
 
     /// Compiles pipelines, and returns the outcome of each.
     pub fn compile(&self, pipelines: &[&str]) -> Result<Vec<Outcome>> {
-        let limits = Limits {
-            what: "the compiler",
-            time: self.limit,
-            tries: TRIES,
-        };
-        batches::run(|pipelines| self.command(pipelines), pipelines, limits)
+        batches::run(pipelines, self.limits, |pipelines| self.command(pipelines))
     }
 
     fn command(&self, pipelines: &[&str]) -> Command {
@@ -143,7 +131,10 @@ done
             program,
             driver: PathBuf::new(),
             gpu: "gpu",
-            limit: Duration::from_secs(2),
+            limits: Limits {
+                time: Duration::from_secs(2),
+                ..LIMITS
+            },
         };
         assert_eq!(compiler.name().unwrap(), "GPU, driver 1");
         let names = ["a", "flaky", "refused", "b", "endless", "wrong", "refused"];

@@ -17,11 +17,13 @@ const RETURNED: &str = "roundtrip";
 const BATCH: usize = 4;
 const COMPILE: Limits = Limits {
     what: "Slang",
+    batch: BATCH,
     time: Duration::from_secs(120),
     tries: 2,
 };
 const RUN: Limits = Limits {
     what: "the pass",
+    batch: BATCH,
     time: Duration::from_secs(300),
     tries: 2,
 };
@@ -51,19 +53,14 @@ struct Pass {
 
 impl RoundTrip {
     /// Downloads the compiler, if necessary.
-    ///
-    /// # Errors
-    /// If the compiler can't be had.
     pub fn prepare() -> Result<Self> {
         Ok(Self {
             library: packages::slang()?,
         })
     }
 
-    /// Compiles the passes of the presets, or all variants of all passes, and runs those of the presets.
-    ///
-    /// # Errors
-    /// If a translation is refused or has another meaning.
+    /// Compiles the passes of the presets, or all variants of all passes, and runs those of the presets. A translation that is refused or has
+    /// another meaning is an error.
     pub fn judge(&self, all: bool) -> Result<()> {
         let folder = temporary_folder()?;
         let tool = self.tool(folder.join(RETURNED))?;
@@ -111,11 +108,8 @@ struct Verdict {
 
 /// The outcome of each pass.
 fn each(limits: Limits, passes: &[Pass], command: impl Fn(&[&str]) -> Command + Sync) -> Result<Vec<Outcome>> {
-    let batches: Vec<_> = passes.chunks(BATCH).collect();
-    batches::parallel(&batches, |batch| {
-        let arguments: Vec<_> = batch.iter().map(|pass| pass.argument.as_str()).collect();
-        batches::run(&command, &arguments, limits)
-    })
+    let arguments: Vec<_> = passes.iter().map(|pass| pass.argument.as_str()).collect();
+    batches::run(&arguments, limits, command)
 }
 
 impl Tool<'_> {

@@ -25,9 +25,6 @@ const LIBRARIES: &str = "libslang-";
 const COMPILER: &str = "libslang-compiler.so";
 
 /// Returns the folder of Dawn's package, after it was downloaded once.
-///
-/// # Errors
-/// If there is no Node or npm, or the package can't be reached.
 pub fn dawn() -> Result<PathBuf> {
     let version = Command::new("node").arg("--version").output();
     ensure!(
@@ -45,9 +42,6 @@ pub fn dawn() -> Result<PathBuf> {
 }
 
 /// Returns Slang's library, after it was downloaded once.
-///
-/// # Errors
-/// If there is no pip, or the package can't be reached.
 pub fn slang() -> Result<PathBuf> {
     ensure!(
         cfg!(all(target_os = "linux", target_arch = "x86_64", target_env = "gnu")),

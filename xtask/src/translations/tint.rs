@@ -13,11 +13,11 @@ use crate::{cargo, progress};
 const SCRIPT: &str = include_str!("tint.mjs");
 /// Only wgpu itself has these: Bevy's WGSL in browsers never enables them.
 const NATIVE: &str = "enable wgpu_";
-/// Files of one process. A higher value would save nothing.
-const BATCH: usize = 200;
 /// Tint takes milliseconds for a file.
 const LIMITS: Limits = Limits {
     what: "Tint",
+    // A higher value would save nothing.
+    batch: 200,
     time: Duration::from_secs(30),
     tries: 2,
 };
@@ -29,9 +29,6 @@ pub struct Tint {
 
 impl Tint {
     /// Downloads it, if necessary.
-    ///
-    /// # Errors
-    /// If it can't be had.
     pub fn prepare() -> Result<Self> {
         Ok(Self {
             package: packages::dawn()?,
@@ -39,9 +36,6 @@ impl Tint {
     }
 
     /// Judges all variants that browsers can get.
-    ///
-    /// # Errors
-    /// If Tint refuses one.
     pub fn judge(&self) -> Result<()> {
         self.judge_folder(&temporary_folder()?.join(TRANSLATED))
     }
@@ -51,11 +45,8 @@ impl Tint {
         let files = files.iter().filter(|(_, source)| is_portable(source));
         let files: Vec<_> = files.map(|(path, _)| path.display().to_string()).collect();
         ensure!(!files.is_empty(), "no variant is for browsers");
-        let batches: Vec<_> = files.chunks(BATCH).collect();
-        let outcomes = batches::parallel(&batches, |batch| {
-            let batch: Vec<_> = batch.iter().map(String::as_str).collect();
-            batches::run(|files| self.command(files), &batch, LIMITS)
-        })?;
+        let arguments: Vec<_> = files.iter().map(String::as_str).collect();
+        let outcomes = batches::run(&arguments, LIMITS, |files| self.command(files))?;
         let mut failures = Vec::new();
         for (file, outcome) in files.iter().zip(outcomes) {
             if let Err(reason) = outcome {
