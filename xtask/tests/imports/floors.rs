@@ -54,11 +54,8 @@ impl Floors {
             // Another file replaces raw Vulkan if that isn't compiled.
             let is_stand_in = [&a, &b].iter().all(|name| ["vrs", "no_vrs"].contains(&name.as_str()));
             if a != b && !is_stand_in && floor(&a) <= floor(&b) {
-                wrong.push(format!(
-                    "{from} (floor {:?}) -> {to} (floor {:?})",
-                    floor(&a),
-                    floor(&b)
-                ));
+                let (a, b) = (floor(&a), floor(&b));
+                wrong.push(format!("{from} (floor {a:?}) -> {to} (floor {b:?})"));
             }
         }
         wrong

@@ -48,12 +48,8 @@ fn crates() -> impl Iterator<Item = PathBuf> {
 fn no_circle_between_files() {
     let mut found = Vec::new();
     for folder in crates() {
-        let arrows = arrows(&folder);
-        found.extend(
-            circles(&arrows)
-                .into_iter()
-                .map(|circle| format!("{}: {circle}", folder.display())),
-        );
+        let circles = circles(&arrows(&folder)).into_iter();
+        found.extend(circles.map(|circle| format!("{}: {circle}", folder.display())));
     }
     assert!(found.is_empty(), "files that import each other:\n{}", found.join("\n"));
 }
@@ -91,12 +87,7 @@ fn the_document_shows_all_modules() {
     let entries = fs::read_dir(root().join("src")).unwrap();
     let modules: BTreeSet<String> = entries
         .map(|entry| entry.unwrap().path())
-        .filter(|path| {
-            path.is_dir()
-                || ["rs", "wesl"]
-                    .iter()
-                    .any(|end| path.extension().is_some_and(|e| e == *end))
-        })
+        .filter(|path| path.is_dir() || path.extension().is_some_and(|end| end == "rs" || end == "wesl"))
         .map(|path| path.file_stem().unwrap().to_string_lossy().into_owned())
         .collect();
     assert_eq!(floors.modules(), modules);

@@ -32,6 +32,7 @@ struct Contents {
 }
 
 struct Source {
+    module: ModulePath,
     /// From the root folder of the crate.
     file: String,
     contents: Contents,
@@ -44,26 +45,16 @@ type Modules = BTreeMap<ModulePath, Vec<Source>>;
 pub fn arrows(folder: &Path) -> Arrows {
     let mut arrows = Arrows::new();
     let mut roots: Vec<PathBuf> = ["src/lib.rs", "src/main.rs"].map(|name| folder.join(name)).into();
-    roots.extend(
-        fs::read_dir(folder.join("src/bin"))
-            .into_iter()
-            .flatten()
-            .flatten()
-            .map(|entry| entry.path()),
-    );
+    let programs = fs::read_dir(folder.join("src/bin")).into_iter().flatten().flatten();
+    roots.extend(programs.map(|entry| entry.path()));
     for root in roots.into_iter().filter(|root| root.is_file()) {
         let mut modules = Modules::new();
         load(folder, &root, Vec::new(), &mut modules);
-        for (path, sources) in &modules {
-            for source in sources {
-                for import in &source.contents.imports {
-                    for target in targets(&modules, path, import) {
-                        if target != source.file {
-                            arrows.insert((source.file.clone(), target));
-                        }
-                    }
-                }
-            }
+        for source in modules.values().flatten() {
+            let imports = source.contents.imports.iter();
+            let targets = imports.flat_map(|import| targets(&modules, &source.module, import));
+            let others = targets.filter(|target| *target != source.file);
+            arrows.extend(others.map(|target| (source.file.clone(), target)));
         }
     }
     arrows
@@ -74,11 +65,7 @@ fn load(folder: &Path, file: &Path, path: ModulePath, modules: &mut Modules) {
     let contents = read(&tokens(&source), &source);
     let parent = file.parent().unwrap();
     let is_root = path.is_empty() || file.file_name().is_some_and(|name| name == "mod.rs");
-    let below = if is_root {
-        parent.to_owned()
-    } else {
-        file.with_extension("")
-    };
+    let below = if is_root { parent } else { &file.with_extension("") };
     for (name, named_file) in &contents.children {
         let candidates = match named_file {
             Some(named) => vec![parent.join(named)],
@@ -86,12 +73,11 @@ fn load(folder: &Path, file: &Path, path: ModulePath, modules: &mut Modules) {
         };
         let found = candidates.iter().find(|candidate| candidate.is_file());
         let found = found.unwrap_or_else(|| panic!("{}: no file for `mod {name}`", file.display()));
-        let mut child = path.clone();
-        child.push(name.clone());
-        load(folder, found, child, modules);
+        load(folder, found, child(&path, name), modules);
     }
     let file = file.strip_prefix(folder).unwrap().to_string_lossy().replace('\\', "/");
-    modules.entry(path).or_default().push(Source { file, contents });
+    let module = path.clone();
+    modules.entry(path).or_default().push(Source { module, file, contents });
 }
 
 /// Reads a file. The attribute `#[path = ".."]` is looked up in the source, since tokens contain no text.
@@ -137,11 +123,8 @@ fn read(tokens: &[Token], source: &str) -> Contents {
             }
             "crate" | "super" | "self" if at(i + 1) == "::" => {
                 let (paths, end) = path_tree(tokens, i);
-                let import = |(path, name)| Import {
-                    path,
-                    name,
-                    is_public: false,
-                };
+                is_public = false;
+                let import = |(path, name)| Import { path, name, is_public };
                 contents.imports.extend(paths.into_iter().map(import));
                 i = end;
                 continue;
@@ -195,31 +178,16 @@ fn targets(modules: &Modules, from: &ModulePath, import: &Import) -> BTreeSet<St
     let ends = resolve(modules, from, &import.path, 0).into_iter();
     // Re-exporting an item of a child doesn't count as use.
     let is_child = |module: &ModulePath| module.len() > from.len() && module.starts_with(from);
-    ends.filter(|end| !(import.is_public && is_child(&end.module)))
-        .map(|end| end.file)
+    ends.filter(|(source, _)| !(import.is_public && is_child(&source.module)))
+        .map(|(source, _)| source.file.clone())
         .collect()
 }
 
-/// The end of a path: a module, or a file of a module that has an item.
-#[derive(Clone)]
-struct End {
-    module: ModulePath,
-    file: String,
-    is_module: bool,
-}
-
-fn ends_of_module(modules: &Modules, module: &ModulePath) -> Vec<End> {
-    let sources = modules[module].iter();
-    let end = |source: &Source| End {
-        module: module.clone(),
-        file: source.file.clone(),
-        is_module: true,
-    };
-    sources.map(end).collect()
-}
+/// The end of a path: a file, and whether the path leads to its module or to an item in it.
+type End<'a> = (&'a Source, bool);
 
 /// The ends of a path in a module; none for paths to other crates.
-fn resolve(modules: &Modules, from: &ModulePath, path: &[String], depth: usize) -> Vec<End> {
+fn resolve<'a>(modules: &'a Modules, from: &ModulePath, path: &[String], depth: usize) -> Vec<End<'a>> {
     let mut module = from.clone();
     let ups = path.iter().take_while(|segment| *segment == "super").count();
     let mut rest = &path[ups..];
@@ -233,75 +201,43 @@ fn resolve(modules: &Modules, from: &ModulePath, path: &[String], depth: usize) 
         Some(first) if modules.contains_key(&child(&module, first)) => {}
         _ => return Vec::new(),
     }
-    while let Some((segment, below)) = rest.split_first() {
+    while let Some((segment, below)) = rest.split_first().filter(|(segment, _)| *segment != "*") {
         let child = child(&module, segment);
-        if modules.contains_key(&child) {
-            module = child;
-            rest = below;
-            continue;
+        if !modules.contains_key(&child) {
+            let sources = modules[&module].iter();
+            let ends = sources.flat_map(|source| item(modules, source, segment, depth));
+            return ends
+                .flat_map(|(source, is_module)| {
+                    if is_module && !below.is_empty() {
+                        let path = [&["self".to_owned()], below].concat();
+                        resolve(modules, &source.module, &path, depth + 1)
+                    } else {
+                        vec![(source, is_module)]
+                    }
+                })
+                .collect();
         }
-        if segment == "*" {
-            break;
-        }
-        let ends = modules[&module]
-            .iter()
-            .flat_map(|source| item(modules, &module, source, segment, depth));
-        return ends
-            .flat_map(|end| {
-                if end.is_module {
-                    resolve_below(modules, end, below, depth)
-                } else {
-                    vec![end]
-                }
-            })
-            .collect();
+        (module, rest) = (child, below);
     }
-    ends_of_module(modules, &module)
-}
-
-fn resolve_below(modules: &Modules, end: End, below: &[String], depth: usize) -> Vec<End> {
-    if below.is_empty() {
-        return vec![end];
-    }
-    let mut path = vec!["self".to_owned()];
-    path.extend_from_slice(below);
-    resolve(modules, &end.module, &path, depth + 1)
+    modules[&module].iter().map(|source| (source, true)).collect()
 }
 
 fn child(module: &ModulePath, name: &str) -> ModulePath {
-    let mut child = module.clone();
-    child.push(name.to_owned());
-    child
+    module.iter().cloned().chain([name.to_owned()]).collect()
 }
 
 /// The original files of an item, its own or another one that re-exports it. An item of unknown origin counts as its own.
-fn item(modules: &Modules, module: &ModulePath, source: &Source, name: &str, depth: usize) -> Vec<End> {
-    let own = End {
-        module: module.clone(),
-        file: source.file.clone(),
-        is_module: false,
-    };
-    if source.contents.items.contains(name) || depth > 16 {
+fn item<'a>(modules: &'a Modules, source: &'a Source, name: &str, depth: usize) -> Vec<End<'a>> {
+    let has_item = |(source, _): &End| source.contents.items.contains(name);
+    let own = (source, false);
+    if has_item(&own) || depth > 16 {
         return vec![own];
     }
+    let resolve = |import: &Import| resolve(modules, &source.module, &import.path, depth + 1);
     let imports = || source.contents.imports.iter();
-    let has_item = |end: &End| {
-        let sources = modules[&end.module].iter();
-        sources
-            .filter(|source| source.file == end.file)
-            .any(|source| source.contents.items.contains(name))
-    };
     let named = imports().filter(|import| import.name == name && import.path.len() > 1);
-    let named = named.flat_map(|import| resolve(modules, module, &import.path, depth + 1));
-    let all = imports().filter(|import| import.name == "*");
-    let all = all
-        .flat_map(|import| resolve(modules, module, &import.path, depth + 1))
-        .filter(has_item);
-    let found: Vec<End> = named
-        .chain(all.map(|end| End {
-            is_module: false,
-            ..end
-        }))
-        .collect();
+    let all = imports().filter(|import| import.name == "*").flat_map(resolve);
+    let all = all.filter(has_item).map(|(source, _)| (source, false));
+    let found: Vec<End> = named.flat_map(resolve).chain(all).collect();
     if found.is_empty() { vec![own] } else { found }
 }

@@ -16,7 +16,8 @@ pub fn tokens(source: &str) -> Vec<Token> {
                 i += 1;
             }
         } else if c == '/' && at(i + 1) == '*' {
-            i = after_block_comment(&chars, i);
+            let end = (i + 2..chars.len()).find(|j| at(*j) == '*' && at(j + 1) == '/');
+            i = end.map_or(chars.len(), |end| end + 2);
         } else if let Some(end) = after_text(&chars, i) {
             i = end;
         } else if c.is_alphanumeric() || c == '_' {
@@ -38,25 +39,6 @@ pub fn tokens(source: &str) -> Vec<Token> {
     tokens
 }
 
-fn after_block_comment(chars: &[char], start: usize) -> usize {
-    let (mut i, mut depth) = (start, 0);
-    while i + 1 < chars.len() {
-        match (chars[i], chars[i + 1]) {
-            ('/', '*') => depth += 1,
-            ('*', '/') => depth -= 1,
-            _ => {
-                i += 1;
-                continue;
-            }
-        }
-        i += 2;
-        if depth == 0 {
-            return i;
-        }
-    }
-    chars.len()
-}
-
 /// The position after a text literal that begins here.
 fn after_text(chars: &[char], start: usize) -> Option<usize> {
     let at = |i: usize| chars.get(i).copied().unwrap_or('\0');
@@ -68,12 +50,9 @@ fn after_text(chars: &[char], start: usize) -> Option<usize> {
     if begins_word && at(i) == 'r' && matches!(at(i + 1), '"' | '#') {
         let hashes = (i + 1..).take_while(|j| at(*j) == '#').count();
         if at(i + 1 + hashes) == '"' {
-            let end: Vec<char> = std::iter::once('"').chain(std::iter::repeat_n('#', hashes)).collect();
-            let mut j = i + 2 + hashes;
-            while j < chars.len() && !chars[j..].starts_with(&end) {
-                j += 1;
-            }
-            return Some(j + end.len());
+            let end: Vec<char> = format!("\"{}", "#".repeat(hashes)).chars().collect();
+            let begin = (i + 2 + hashes..chars.len()).find(|j| chars[*j..].starts_with(&end));
+            return Some(begin.unwrap_or(chars.len()) + end.len());
         }
     }
     match at(i) {
@@ -120,16 +99,12 @@ pub fn path_tree(tokens: &[Token], start: usize) -> (Vec<(Vec<String>, String)>,
             while i + 1 < end {
                 let (below, next) = path_tree(tokens, i);
                 for (path, name) in below {
-                    let mut whole = prefix.clone();
-                    whole.extend(
-                        path.into_iter()
-                            .filter(|segment| segment != "self" || prefix.is_empty()),
-                    );
-                    let name = if name == "self" {
-                        whole.last().cloned().unwrap_or_default()
-                    } else {
-                        name
-                    };
+                    let below = path
+                        .into_iter()
+                        .filter(|segment| segment != "self" || prefix.is_empty());
+                    let whole: Vec<_> = prefix.iter().cloned().chain(below).collect();
+                    let is_self = name == "self" && !whole.is_empty();
+                    let name = if is_self { whole[whole.len() - 1].clone() } else { name };
                     paths.push((whole, name));
                 }
                 i = next.max(i + 1);
