@@ -5,8 +5,6 @@ use std::fmt;
 use std::ops::AddAssign;
 use std::time::Duration;
 
-use crate::progress::Elapsed;
-
 /// Prefix of the reason for ignoring a long test.
 const LONG: &str = "long: ";
 
@@ -218,18 +216,6 @@ impl fmt::Display for Tally {
     }
 }
 
-/// A table of the slowest tests, and of their work.
-pub fn slowest(mut cases: Vec<(String, Duration, Cost)>, rows: usize) -> String {
-    cases.sort_by_key(|(_, time, _)| std::cmp::Reverse(*time));
-    cases.truncate(rows);
-    let width = cases.iter().map(|(name, ..)| name.len()).max().unwrap_or(0);
-    let row = |(name, time, cost): &(String, Duration, Cost)| {
-        let time = Elapsed(*time).to_string();
-        format!("{name:<width$}  {time:>12}  {cost}").trim_end().to_owned() + "\n"
-    };
-    cases.iter().map(row).collect()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -284,12 +270,5 @@ mod tests {
         assert_eq!(costs.left_out("a::c"), Some("ray-query"));
         assert_eq!(costs.left_out("a::b"), None);
         assert_eq!(costs.total().to_string(), "3 apps, 16 frames, 83 pipelines");
-    }
-
-    #[test]
-    fn the_slowest_come_first() {
-        let case = |name: &str, seconds| (name.to_owned(), Duration::from_secs(seconds), Cost::default());
-        let table = slowest(vec![case("a", 1), case("bb", 12), case("c", 2)], 2);
-        assert_eq!(table, "bb          12 s\nc          2.0 s\n");
     }
 }

@@ -152,7 +152,7 @@ fn pipelines(folder: &Path) -> Result<BTreeMap<String, String>> {
             Some(_) => path.display().to_string(),
             None => bail!("{} has no entry point", path.display()),
         };
-        pipelines.insert(translations::name(&path)?, argument);
+        pipelines.insert(translations::name(&path), argument);
     }
     Ok(pipelines)
 }
@@ -181,6 +181,7 @@ fn driver_version(name: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::translations::planted::{GOOD, translate};
 
     /// A shader with 300 values that are all live in a loop.
     fn spilling() -> String {
@@ -199,12 +200,6 @@ mod tests {
         )
     }
 
-    const GOOD: &str = "
-        @group(0) @binding(0) var<storage, read_write> data: array<f32>;
-        @compute @workgroup_size(64)
-        fn main(@builtin(global_invocation_id) id: vec3<u32>) {
-            data[id.x] += 1.0;
-        }";
     /// Workgroups share 80 KB.
     const LARGE: &str = "
         @group(0) @binding(0) var<storage, read_write> data: array<f32>;
@@ -243,11 +238,8 @@ mod tests {
         };
         let folder = tempfile::tempdir().unwrap();
         let at = |name: &str| folder.path().join(name);
-        for (name, source) in [("good", GOOD), ("large", LARGE), ("spilling", &spilling())] {
-            fs::write(at(&format!("{name}.wgsl")), source).unwrap();
-        }
-        let translator = cargo::program_apart("tools/translate").unwrap();
-        cargo::run(cargo::command(translator).arg(folder.path()), "the translation").unwrap();
+        let shaders = [("good", GOOD), ("large", LARGE), ("spilling", &spilling())];
+        translate(folder.path(), &shaders);
         fs::write(at("broken.main.spv"), broken(&fs::read(at("good.main.spv")).unwrap())).unwrap();
         let pipelines = pipelines(folder.path()).unwrap();
         let names: Vec<_> = pipelines.keys().map(String::as_str).collect();

@@ -7,7 +7,6 @@ use std::cmp::Reverse;
 use std::env;
 use std::ffi::OsString;
 use std::fs;
-use std::mem;
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
 use std::process::Command;
@@ -17,7 +16,7 @@ use anyhow::{Result, ensure};
 use tempfile::{NamedTempFile, TempPath};
 
 use crate::cargo::{self, Executable};
-use crate::cases::{self, Case, Cost, Costs, End, Tally};
+use crate::cases::{Case, Cost, Costs, End, Tally};
 use crate::driver::{self, Need};
 use crate::progress::{self, Elapsed, Times};
 use crate::{batches, environment, new_user, package, web};
@@ -240,7 +239,11 @@ impl Results {
 
     /// Prints the slowest tests, the work of all, and the names of the skipped ones. Fails if a test failed.
     pub fn judge(mut self) -> Result<()> {
-        let slowest = cases::slowest(mem::take(&mut self.cases), SLOWEST);
+        let mut slowest = Times::default();
+        self.cases.sort_by_key(|(_, time, _)| Reverse(*time));
+        for (name, time, cost) in self.cases.iter().take(SLOWEST) {
+            slowest.add(name, *time, &cost.to_string());
+        }
         progress::result(format_args!("\nslowest tests:\n{slowest}"));
         if self.cost.apps > 0 {
             progress::result(format_args!("all tests: {}", self.cost));
@@ -252,13 +255,11 @@ impl Results {
             }
         }
         if !self.late.is_empty() {
-            progress::result(format_args!(
-                "left out, since the run was late: {} tests",
-                self.late.len()
-            ));
-            for name in &self.late {
-                progress::result(format_args!("  {name}"));
-            }
+            let count = self.late.len();
+            progress::result(format_args!("left out, since the run was late: {count} tests"));
+            self.late
+                .iter()
+                .for_each(|name| progress::result(format_args!("  {name}")));
         }
         progress::result(format_args!("tests: {}", self.tally));
         self.outcome()
@@ -314,6 +315,15 @@ struct Test {
 }
 
 impl Test {
+    fn of(name: String, command: Command) -> Self {
+        Self {
+            name,
+            part: String::new(),
+            command,
+            profile: None,
+        }
+    }
+
     /// A test program is named after its source file.
     fn new(program: &Executable) -> Self {
         let root = cargo::workspace_root();
@@ -325,10 +335,8 @@ impl Test {
             command.env(PROFILE, path);
         }
         Self {
-            name: source.display().to_string(),
-            part: String::new(),
-            command,
             profile,
+            ..Self::of(source.display().to_string(), command)
         }
     }
 }
@@ -337,12 +345,7 @@ impl Test {
 fn documentation() -> Test {
     let mut command = cargo::tests();
     command.args(["--doc", "--"]);
-    Test {
-        name: "documentation".to_owned(),
-        part: String::new(),
-        command,
-        profile: None,
-    }
+    Test::of("documentation".to_owned(), command)
 }
 
 /// The outcome of a test program.
@@ -415,12 +418,7 @@ mod tests {
     fn shell(name: &str, script: &str) -> Test {
         let mut command = Command::new("sh");
         command.args(["-c", script]);
-        Test {
-            name: name.to_owned(),
-            part: String::new(),
-            command,
-            profile: None,
-        }
+        Test::of(name.to_owned(), command)
     }
 
     #[test]
@@ -500,12 +498,7 @@ mod tests {
                 shell("fails", "echo 'test result: FAILED. 1 passed; 1 failed' >&2; exit 101"),
                 shell("passes", passes),
                 shell("crashes", &format!("{passes}; kill -9 $$")),
-                Test {
-                    name: "missing".into(),
-                    part: String::new(),
-                    command: Command::new("/no/such/program"),
-                    profile: None,
-                },
+                Test::of("missing".to_owned(), Command::new("/no/such/program")),
             ];
             let (mut outcomes, late) = run_all(tests, limits(jobs), |_| {});
             assert_eq!(late, 0);

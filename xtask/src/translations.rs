@@ -113,21 +113,13 @@ pub fn translate() -> Result<()> {
     cargo::run(&mut test, TEST)
 }
 
-/// From `trace-blocks+MIRRORS.main.spv` to `trace/blocks.main MIRRORS`.
-pub fn name(path: &Path) -> Result<String> {
-    let stem = path.file_stem().context("no name")?.to_string_lossy();
-    let (module, entry) = stem.rsplit_once('.').with_context(|| stem.clone().into_owned())?;
+/// From `trace-blocks+MIRRORS.main.spv` to `trace/blocks.main MIRRORS`, and from `trace-blocks+MIRRORS.wgsl` to `trace/blocks MIRRORS`.
+pub fn name(path: &Path) -> String {
+    let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+    let (module, entry) = stem.split_at(stem.rfind('.').unwrap_or(stem.len()));
     let mut parts = module.split('+');
     let pass = parts.next().unwrap_or_default().replace('-', "/");
-    Ok(parts.fold(format!("{pass}.{entry}"), |name, def| format!("{name} {def}")))
-}
-
-/// From `trace-blocks+MIRRORS.wgsl` to `trace/blocks MIRRORS`.
-pub fn name_of_module(path: &Path) -> String {
-    let stem = path.file_stem().unwrap_or_default().to_string_lossy();
-    let (pass, definitions) = stem.split_once('+').unwrap_or((&stem, ""));
-    let name = format!("{} {}", pass.replace('-', "/"), definitions.replace('+', " "));
-    name.trim_end().to_owned()
+    parts.fold(format!("{pass}{entry}"), |name, def| format!("{name} {def}"))
 }
 
 /// The output folder of tests.
@@ -155,19 +147,40 @@ pub fn unique(folder: &Path, suffix: &str) -> Result<Vec<(PathBuf, Vec<u8>)>> {
     Ok(unique)
 }
 
+/// Shaders with faults, for the tests of compilers.
+#[cfg(test)]
+pub mod planted {
+    use super::*;
+
+    pub const GOOD: &str = "
+        @group(0) @binding(0) var<storage, read_write> data: array<f32>;
+        @compute @workgroup_size(64)
+        fn main(@builtin(global_invocation_id) id: vec3<u32>) {
+            data[id.x] += 1.0;
+        }";
+
+    /// Writes and translates shaders.
+    pub fn translate(folder: &Path, shaders: &[(&str, &str)]) {
+        for (name, source) in shaders {
+            fs::write(folder.join(format!("{name}.wgsl")), source).unwrap();
+        }
+        let translator = cargo::program_apart("tools/translate").unwrap();
+        cargo::run(cargo::command(translator).arg(folder), "the translation").unwrap();
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
     fn names_are_those_of_other_tables() {
-        let name = |file: &str| name(Path::new(file)).unwrap();
+        let name = |file: &str| name(Path::new(file));
         assert_eq!(
             name("a/trace-blocks+MIRRORS+RAY_QUERY.trace.spv"),
             "trace/blocks.trace MIRRORS RAY_QUERY"
         );
         assert_eq!(name("scene-pose-refit.fit_level.spv"), "scene/pose/refit.fit_level");
-        let name = |file: &str| name_of_module(Path::new(file));
         assert_eq!(name("a/trace-blocks+MIRRORS+BLUR.wgsl"), "trace/blocks MIRRORS BLUR");
         assert_eq!(name("scene-scatter.wgsl"), "scene/scatter");
     }

@@ -132,7 +132,8 @@ impl Tool<'_> {
             match outcome {
                 Ok(figures) => {
                     verdict.equal += 1;
-                    progress::note(format_args!("{}: {}", pass.name, describe(&figures)));
+                    let figures: Vec<_> = figures.iter().map(|(name, value)| format!("{name}={value}")).collect();
+                    progress::note(format_args!("{}: {}", pass.name, figures.join(", ")));
                 }
                 Err(reason) => verdict.failures.push(format!("{}: {reason}", pass.name)),
             }
@@ -185,48 +186,17 @@ fn runs(pass: &Pass) -> bool {
 
 /// The passes in a folder of translations.
 fn passes(folder: &Path) -> Result<Vec<Pass>> {
-    let files = unique(folder, "hlsl")?;
-    let passes = files.iter().map(|(path, _)| {
-        Ok(Pass {
-            name: name(path)?,
-            argument: path.with_extension("").display().to_string(),
-        })
-    });
-    passes.collect()
-}
-
-/// `4096 values written, 2 rounded, 3 differ, the first at out[0]: 0x1 and 0x200`.
-fn describe(figures: &[(String, String)]) -> String {
-    let figure = |wanted: &str| {
-        let found = figures.iter().find(|(name, _)| name == wanted);
-        found.map(|(_, value)| value.as_str())
+    let pass = |(path, _): (PathBuf, _)| Pass {
+        name: name(&path),
+        argument: path.with_extension("").display().to_string(),
     };
-    let counts = ["changed", "rounded", "unequal"].map(|name| figure(name).unwrap_or("?"));
-    let first = figure("first").map(|first| format!(", the first at {first}"));
-    let [changed, rounded, unequal] = counts;
-    let first = first.unwrap_or_default();
-    format!("{changed} values written, {rounded} rounded, {unequal} differ{first}")
+    Ok(unique(folder, "hlsl")?.into_iter().map(pass).collect())
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::planted::{GOOD, translate};
     use super::*;
-
-    const GOOD: &str = "
-        @group(0) @binding(0) var<storage, read_write> data: array<f32>;
-        @compute @workgroup_size(64)
-        fn main(@builtin(global_invocation_id) id: vec3<u32>) {
-            data[id.x] += 1.0;
-        }";
-
-    #[test]
-    fn figures_are_sentences() {
-        let figure = |name: &str, value: &str| (name.to_owned(), value.to_owned());
-        let mut figures = vec![figure("changed", "40"), figure("rounded", "2"), figure("unequal", "1")];
-        assert_eq!(describe(&figures), "40 values written, 2 rounded, 1 differ");
-        figures.push(figure("first", "out[0]: 0x1 and 0x2"));
-        assert!(describe(&figures).ends_with("1 differ, the first at out[0]: 0x1 and 0x2"));
-    }
 
     /// A translation with another meaning, one that isn't HLSL, and a pass that writes nothing.
     #[test]
@@ -239,11 +209,8 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let at = |name: &str| folder.path().join(name);
         let idle = GOOD.replace("+= 1.0", "= data[id.x]");
-        for (name, source) in [("good", GOOD), ("changed", GOOD), ("broken", GOOD), ("idle", &idle)] {
-            fs::write(at(&format!("{name}.wgsl")), source).unwrap();
-        }
-        let translator = cargo::program_apart("tools/translate").unwrap();
-        cargo::run(cargo::command(translator).arg(folder.path()), "the translation").unwrap();
+        let shaders = [("good", GOOD), ("changed", GOOD), ("broken", GOOD), ("idle", &idle)];
+        translate(folder.path(), &shaders);
         for (name, from, to) in [("changed", "1.0", "1.5"), ("broken", "asuint", "as_uint")] {
             let file = at(&format!("{name}.main.hlsl"));
             let source = fs::read_to_string(&file).unwrap();

@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use anyhow::{Result, ensure};
 
-use super::{TRANSLATED, name_of_module, packages, temporary_folder, unique};
+use super::{TRANSLATED, name, packages, temporary_folder, unique};
 use crate::batches::{self, Limits};
 use crate::{cargo, progress};
 
@@ -50,7 +50,7 @@ impl Tint {
         let mut failures = Vec::new();
         for (file, outcome) in files.iter().zip(outcomes) {
             if let Err(reason) = outcome {
-                failures.push(format!("{}: {reason}", name_of_module(Path::new(file))));
+                failures.push(format!("{}: {reason}", name(Path::new(file))));
             }
         }
         progress::result(format_args!(
