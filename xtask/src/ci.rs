@@ -41,14 +41,9 @@ pub fn run() -> Result<()> {
     checks.run("docs", docs);
     // No windowing feature and no hardware back end: the plugin must build for servers, with the features of its own manifest.
     checks.run("library alone", || library(&["--no-default-features"]));
-    if web::has_target() {
-        checks.run("library for browsers", || {
-            library(&["--target", web::TARGET, "--features", "egui,hardware-vrs"])
-        });
-    } else {
-        let reason = format!("`rustup target add {}` brings what it needs", web::TARGET);
-        checks.skip("library for browsers", &reason);
-    }
+    checks.run_prepared("library for browsers", web::require_target(), |()| {
+        library(&["--target", web::TARGET, "--features", "egui,hardware-vrs"])
+    });
     let options = test::Options::default();
     let tests = test::Suite::build(&mut checks.times).map(|suite| {
         let results = suite.first_tier(&options, Some(start + TEST_LIMIT), &mut checks.times);
@@ -145,21 +140,13 @@ fn foreign_compilers(checks: &mut Checks, start: Instant) {
 
 /// Opens the page in a browser, if there is a browser and enough time.
 fn page(checks: &mut Checks, elapsed: Duration) {
-    const NAME: &str = "page in a browser";
-    checks.run_prepared(
-        NAME,
-        time_before(PAGE_LIMIT, elapsed).and_then(|()| web::prepare()),
-        |()| web::check(),
-    );
+    let prepared = time_before(PAGE_LIMIT, elapsed).and_then(|()| web::prepare());
+    checks.run_prepared("page in a browser", prepared, |()| web::check());
 }
 
 fn time_before(limit: Duration, elapsed: Duration) -> Result<()> {
-    ensure!(
-        elapsed < limit,
-        "the run has taken {} already, of at most {}",
-        Elapsed(elapsed),
-        Elapsed(limit)
-    );
+    let (taken, most) = (Elapsed(elapsed), Elapsed(limit));
+    ensure!(elapsed < limit, "the run has taken {taken} already, of at most {most}");
     Ok(())
 }
 

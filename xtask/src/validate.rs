@@ -27,18 +27,9 @@ khronos_validation.duplicate_message_limit = 4
 /// Tests of the library that compare all ways to trace the same rays: the fragment shader, the compute shader and the raw Vulkan pass.
 const TESTS: &str = "back_ends::";
 /// Techniques that the bench renders in addition.
-const BENCH: [&str; 10] = [
-    "--skip-build",
-    "--scene=atrium",
-    "--detail=0.25",
-    "--size=64x64",
-    "--frames=1",
-    "--tracer=all",
-    "--techniques=reference,quarter,quarter-inline,vrs-roughness,vrs-grazing,vrs-combined,vrs-adaptive,paper,converged",
-    "--csv=/dev/null",
-    "--triangles=100",
-    "--rounds=2",
-];
+const BENCH: &str = "--skip-build --scene=atrium --detail=0.25 --size=64x64 --frames=1 --tracer=all --csv=/dev/null --triangles=100 \
+    --rounds=2 \
+    --techniques=reference,quarter,quarter-inline,vrs-roughness,vrs-grazing,vrs-combined,vrs-adaptive,paper,converged";
 
 /// Messages that this crate doesn't cause: their names, a part of their text, and the reason.
 const EXPLAINED: [(&str, &str, &str); 2] = [
@@ -57,10 +48,9 @@ const EXPLAINED: [(&str, &str, &str); 2] = [
 /// Renders under the layer, and fails if the layer reports an unexplained message.
 pub fn run() -> Result<()> {
     driver::prepare(Need::RayQuery)?;
+    let mut folders = ["/usr/share", "/usr/local/share", "/etc"].iter();
     ensure!(
-        ["/usr/share", "/usr/local/share", "/etc"]
-            .iter()
-            .any(|folder| Path::new(folder).join(MANIFEST).exists()),
+        folders.any(|folder| Path::new(folder).join(MANIFEST).exists()),
         "the validation layer isn't installed: on Debian and Ubuntu, `apt-get install vulkan-validationlayers`"
     );
     let folder = tempfile::tempdir()?;
@@ -69,7 +59,7 @@ pub fn run() -> Result<()> {
     let mut tests = progress::step("build of the tests", || cargo::test_program("app"))?;
     tests.args([TESTS, "--nocapture", "--test-threads=1"]);
     let mut bench = progress::step("build glint_bench", || cargo::program("glint_bench"))?;
-    bench.args(BENCH);
+    bench.args(BENCH.split(' '));
     let mut messages = Messages::default();
     for (name, command) in [("tests of all back ends", &mut tests), ("techniques", &mut bench)] {
         progress::step(name, || messages.collect(command, &settings))?;
@@ -90,12 +80,8 @@ impl Messages {
             .output()?;
         let said = [output.stdout, output.stderr].map(|bytes| String::from_utf8_lossy(&bytes).into_owned());
         if !output.status.success() {
-            bail!(
-                "{} failed ({})\n{}",
-                command.get_program().display(),
-                output.status,
-                said.join("\n")
-            );
+            let program = command.get_program().display();
+            bail!("{program} failed ({})\n{}", output.status, said.join("\n"));
         }
         ensure!(
             said.iter().any(|said| said.contains(&format!("\"{LAYER}\""))),

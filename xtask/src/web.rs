@@ -17,18 +17,8 @@ const DEMO: &str = "glint_web";
 /// The program that packs, serves and checks the page.
 const BROWSER: &str = "tools/browser";
 /// Settings of the native image for the check: the page's settings.
-const EXPECTED: [&str; 10] = [
-    "--headless",
-    "--still",
-    "--browser",
-    "--size=240x135",
-    "--technique=ultra",
-    "--tracer=bvh",
-    "--backend=compute",
-    "--frames=64",
-    "--path=0",
-    "--out",
-];
+const EXPECTED: &str = "--headless --still --browser --size=240x135 --technique=ultra --tracer=bvh --backend=compute --frames=64 \
+    --path=0 --out";
 /// Makes Mesa's CPU driver compute mip levels as others do, instead of approximately.
 const EXACT_TEXTURES: (&str, &str) = ("GALLIVM_PERF", "no_brilinear,no_rho_approx,no_quad_lod,no_aos_sampling");
 
@@ -49,8 +39,16 @@ pub struct Options {
     check: bool,
 }
 
-/// Returns whether the compiler can build for browsers.
-pub fn has_target() -> bool {
+/// Fails if the compiler can't build for browsers.
+pub fn require_target() -> Result<()> {
+    ensure!(
+        has_target(),
+        "the compiler lacks the platform: `rustup target add {TARGET}` brings what it needs"
+    );
+    Ok(())
+}
+
+fn has_target() -> bool {
     let libraries = Command::new("rustc")
         .args(["--print", "target-libdir", "--target", TARGET])
         .output();
@@ -67,7 +65,7 @@ pub fn prepare() -> Result<()> {
         let mut rustup = Command::new("rustup");
         cargo::run(rustup.args(["target", "add", TARGET]), "rustup")?;
     }
-    ensure!(has_target(), "`rustup target add {TARGET}` brings what it needs");
+    require_target()?;
     driver::prepare(Need::Browser)
 }
 
@@ -102,10 +100,7 @@ pub fn run(options: &Options) -> Result<()> {
 
 /// Builds the page into a folder, and returns the program that serves and checks it.
 fn build(out: &Path) -> Result<PathBuf> {
-    ensure!(
-        has_target(),
-        "the compiler lacks the platform: `rustup target add {TARGET}`"
-    );
+    require_target()?;
     let mut demo = cargo::cargo("build");
     demo.args(["--profile=web", "--ignore-rust-version", "--target", TARGET, "-p", DEMO]);
     let demo = progress::step("build the demo for browsers", || cargo::build_one(&mut demo, DEMO))?;
@@ -126,7 +121,7 @@ fn compare(browser: &Path, page: &Path) -> Result<()> {
     let mut viewer = progress::step("build glint_viewer", || cargo::program("glint_viewer"))?;
     progress::step("render the native picture", || {
         viewer.env(EXACT_TEXTURES.0, EXACT_TEXTURES.1);
-        cargo::run(viewer.args(EXPECTED).arg(&expected), "glint_viewer")
+        cargo::run(viewer.args(EXPECTED.split(' ')).arg(&expected), "glint_viewer")
     })?;
     progress::step("open the page in Chromium", || {
         let mut check = cargo::command(browser);

@@ -2,7 +2,7 @@
 
 use anyhow::{Context, Result, bail, ensure};
 use ash::vk;
-use spirv::{Decoration, Dim, ExecutionModel, Op, StorageClass};
+use spirv::{Decoration, Dim, ExecutionModel, MAGIC_NUMBER, Op, StorageClass};
 use std::collections::HashMap;
 use std::ffi::CString;
 
@@ -43,13 +43,19 @@ struct Module<'a> {
     entry: Option<&'a [u32]>,
 }
 
+/// The words of a module.
+pub fn words(bytes: &[u8]) -> Result<Vec<u32>> {
+    let (chunks, rest) = bytes.as_chunks::<4>();
+    ensure!(rest.is_empty() && chunks.len() > 5, "not SPIR-V: {} bytes", bytes.len());
+    let words: Vec<u32> = chunks.iter().map(|chunk| u32::from_le_bytes(*chunk)).collect();
+    ensure!(words[0] == MAGIC_NUMBER, "not SPIR-V");
+    Ok(words)
+}
+
 impl Shader {
     /// Reads a module.
     pub fn read(bytes: &[u8]) -> Result<Self> {
-        let (chunks, rest) = bytes.as_chunks::<4>();
-        ensure!(rest.is_empty() && chunks.len() > 5, "not SPIR-V: {} bytes", bytes.len());
-        let words: Vec<u32> = chunks.iter().map(|chunk| u32::from_le_bytes(*chunk)).collect();
-        ensure!(words[0] == 0x0723_0203, "not SPIR-V");
+        let words = words(bytes)?;
         let module = Module::read(&words)?;
         let (stage, entry) = module.entry_point()?;
         let bindings = module.bindings()?;

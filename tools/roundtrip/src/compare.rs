@@ -29,22 +29,16 @@ pub struct Verdict {
 
 impl fmt::Display for Verdict {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self {
-            changed,
-            rounded,
-            unequal,
-            first,
-        } = self;
+        let (changed, rounded, unequal) = (self.changed, self.rounded, self.unequal);
         write!(formatter, "changed={changed}\trounded={rounded}\tunequal={unequal}")?;
-        first.iter().try_for_each(|first| write!(formatter, "\tfirst={first}"))
+        self.first
+            .iter()
+            .try_for_each(|first| write!(formatter, "\tfirst={first}"))
     }
 }
 
 impl Verdict {
     /// Compares outputs, in the order of the pass's resources.
-    ///
-    /// # Errors
-    /// If the outputs don't belong to one pass.
     pub fn add(&mut self, pass: &Pass, native: &[Vec<u8>], returned: &[Vec<u8>]) -> Result<()> {
         let outputs = pass.resources.iter().filter(|resource| resource.is_output);
         for ((resource, native), returned) in outputs.zip(native).zip(returned) {
@@ -72,10 +66,7 @@ impl Verdict {
         Ok(())
     }
 
-    /// Judges the counts of all runs.
-    ///
-    /// # Errors
-    /// If too many values differ, or the pass writes nothing.
+    /// Judges the counts of all runs: a pass must write something, and few values can differ.
     pub fn judge(self) -> Result<Self> {
         ensure!(self.changed > 0, "the pass writes nothing with these inputs");
         let changed = self.changed as f64;

@@ -6,6 +6,7 @@ use crate::resources::{Image, Kind, Pass, Resource};
 use crate::structures;
 use anyhow::{Context, Result, ensure};
 use ash::vk;
+use glint_isa::spirv;
 use std::collections::BTreeMap;
 use std::ffi::CString;
 use std::slice;
@@ -196,12 +197,7 @@ impl Run<'_> {
     }
 
     fn compile(&mut self, code: &[u8], entry: &str) -> Result<()> {
-        let words: Vec<u32> = code
-            .as_chunks::<4>()
-            .0
-            .iter()
-            .map(|word| u32::from_le_bytes(*word))
-            .collect();
+        let words = spirv::words(code)?;
         let name = CString::new(entry)?;
         let layout = vk::PipelineLayoutCreateInfo::default().set_layouts(&self.sets);
         let module = vk::ShaderModuleCreateInfo::default().code(&words);

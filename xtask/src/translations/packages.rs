@@ -12,17 +12,8 @@ const DAWN: (&str, &str) = (include_str!("package.json"), include_str!("package-
 /// Requirement of pip for the Python package that carries Slang. Only its libraries are used.
 const SLANG: &str = include_str!("requirements.txt");
 /// The only platform of [`SLANG`]'s hash.
-const PLATFORM: [&str; 6] = [
-    "--python-version=3.11",
-    "--implementation=cp",
-    "--platform=manylinux_2_34_x86_64",
-    "--only-binary=:all:",
-    "--require-hashes",
-    "--no-deps",
-];
-/// The beginning of the names of Slang's libraries, and of the one to open.
-const LIBRARIES: &str = "libslang-";
-const COMPILER: &str = "libslang-compiler.so";
+const PLATFORM: &str = "--python-version=3.11 --implementation=cp --platform=manylinux_2_34_x86_64 --only-binary=:all: \
+    --require-hashes --no-deps";
 
 /// Returns the folder of Dawn's package, after it was downloaded once.
 pub fn dawn() -> Result<PathBuf> {
@@ -53,7 +44,7 @@ pub fn slang() -> Result<PathBuf> {
         let mut pip = Command::new("python3");
         pip.args(["-m", "pip", "install", "--quiet", "--no-compile", "--target"])
             .arg(&package)
-            .args(PLATFORM)
+            .args(PLATFORM.split(' '))
             .arg("--requirement")
             .arg(requirements)
             .env("PIP_ROOT_USER_ACTION", "ignore");
@@ -61,19 +52,16 @@ pub fn slang() -> Result<PathBuf> {
         for file in fs::read_dir(package.join("slangpy"))?.flatten() {
             let name = file.file_name();
             let name = name.to_string_lossy();
-            if name.starts_with(LIBRARIES) && name.contains(".so") {
+            if name.starts_with("libslang-") && name.contains(".so") {
                 fs::rename(file.path(), folder.join(&*name))?;
             }
         }
         // The rest is six times as large.
         Ok(fs::remove_dir_all(package)?)
     })?;
-    let files = fs::read_dir(&folder)?.flatten().map(|file| file.path());
-    let mut libraries = files.filter(|path| {
-        let name = path.file_name().unwrap_or_default().to_string_lossy();
-        name.starts_with(COMPILER)
-    });
-    libraries.next().context("the package has no compiler")
+    let mut files = fs::read_dir(&folder)?.flatten().map(|file| file.path());
+    let is_compiler = |path: &PathBuf| path.display().to_string().contains("/libslang-compiler.so");
+    files.find(is_compiler).context("the package has no compiler")
 }
 
 /// A folder outside of the clone that `fill` has filled completely, once for each text of a requirement.
@@ -81,11 +69,8 @@ fn cached(name: &str, requirement: &str, fill: impl FnOnce(&Path) -> Result<()>)
     let home = env::var_os("HOME").map(|home| Path::new(&home).join(".cache"));
     let cache = env::var_os("XDG_CACHE_HOME").map(PathBuf::from).or(home);
     let cache = cache.context("neither XDG_CACHE_HOME nor HOME is set")?;
-    fill_once(
-        &cache.join("bevy_glint/compilers"),
-        &folder_name(name, requirement),
-        fill,
-    )
+    let cache = cache.join("bevy_glint/compilers");
+    fill_once(&cache, &folder_name(name, requirement), fill)
 }
 
 /// The folder's name depends on the whole requirement, so that another version gets another folder.
@@ -119,10 +104,8 @@ fn download(command: &mut Command, tool: &str) -> Result<()> {
         // Both begin with the cause, perhaps after warnings.
         let is_error = |line: &&str| line.to_lowercase().contains("error");
         let reason = said.lines().find(is_error).or_else(|| said.lines().next());
-        bail!(
-            "{tool} can't download the compiler: {}",
-            reason.unwrap_or("no reason given")
-        );
+        let reason = reason.unwrap_or("no reason given");
+        bail!("{tool} can't download the compiler: {reason}");
     }
     Ok(())
 }
