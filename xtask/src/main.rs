@@ -44,8 +44,9 @@ enum Command {
     Bench(tools::Options),
     /// Measure the cost of each technique, and the error of its image: `evaluate --quick --scene atrium --out DIR`.
     Evaluate(tools::EvaluateOptions),
-    /// Attack the reflections with hostile scenes, faults and long runs: `stress --minutes 30`.
-    Stress(tools::Options),
+    /// Attack the reflections with hostile scenes, faults and long runs: `stress --minutes 30`. `--lives N` and `--mirrors N` run generators
+    /// of cameras' lives and of scenes in a mirror.
+    Stress(tools::StressOptions),
     /// Render with each technique under Vulkan's validation layers, with synchronisation validation.
     Validate,
     /// Compile every shader variant for AMD's GPUs, without one, and compare the figures with `tests/shaders/isa.txt`.

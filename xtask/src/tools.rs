@@ -11,7 +11,7 @@ use anyhow::Result;
 use crate::driver::{self, Need};
 use crate::{cargo, progress, publish};
 
-/// Arguments of `demo`, `bench` and `stress`.
+/// Arguments of `demo` and `bench`.
 #[derive(clap::Args)]
 pub struct Options {
     /// Arguments of the program; `-- --help` lists them, once it is built.
@@ -28,6 +28,19 @@ pub struct EvaluateOptions {
     /// Measure nothing: put the results of the folder into README.md, docs/performance.md and docs/evaluation.
     #[arg(long, requires = "out")]
     pub readme: bool,
+    #[command(flatten)]
+    pub program: Options,
+}
+
+/// Arguments of `stress`.
+#[derive(clap::Args)]
+pub struct StressOptions {
+    /// Instead live this many random lives of cameras: they come and go, change size, settings and targets.
+    #[arg(long, value_name = "N")]
+    pub lives: Option<u32>,
+    /// Instead compare this many images of random scenes, 24 in each, with themselves in a mirror.
+    #[arg(long, value_name = "N")]
+    pub mirrors: Option<u32>,
     #[command(flatten)]
     pub program: Options,
 }
@@ -68,11 +81,27 @@ pub fn evaluate(options: EvaluateOptions) -> Result<()> {
 }
 
 /// Attacks every stage with hostile input.
-pub fn stress(options: &Options) -> Result<()> {
+pub fn stress(options: &StressOptions) -> Result<()> {
     driver::prepare(Need::RayQuery)?;
+    let lives = options.lives.map(|lives| ("lives::random", "GLINT_LIVES", lives));
+    let mirrors = options
+        .mirrors
+        .map(|images| ("mirror_suite::random::many", "GLINT_IMAGES", images));
+    if lives.or(mirrors).is_some() {
+        return [lives, mirrors].into_iter().flatten().try_for_each(generate);
+    }
     // It gets broken files.
     progress::step(&format!("build {VIEWER}"), || cargo::program(VIEWER))?;
-    run("glint_stress", &options.arguments)
+    run("glint_stress", &options.program.arguments)
+}
+
+/// Runs a long test that generates its cases, with this number of them.
+fn generate((test, variable, number): (&str, &str, u32)) -> Result<()> {
+    let mut command = progress::step("build the tests", || cargo::test_program("app"))?;
+    command
+        .args([test, "--ignored", "--nocapture"])
+        .env(variable, number.to_string());
+    progress::step(&format!("run {test}"), || cargo::run(&mut command, test))
 }
 
 fn run(name: &str, arguments: &[OsString]) -> Result<()> {

@@ -365,5 +365,6 @@ fn random_scenes_in_a_mirror_look_like_themselves() {
 #[test]
 #[ignore = "long: many more random scenes"]
 fn many_random_scenes_in_a_mirror_look_like_themselves() {
-    search(1, 40);
+    let images = std::env::var("GLINT_IMAGES").map_or(40, |images| images.parse().unwrap());
+    search(1, images);
 }
