@@ -22,7 +22,7 @@
 //! - Joints: four indices of 16 bits, then four `f32` weights per vertex.
 //! - Morph targets: one after the other, for each vertex the differences of the position as three `f32`, and of the normal and the
 //!   tangent if the mesh has them.
-//! - Motions: how far each vertex of a posed copy moved when it was last posed, in object space, as in `motion.rs`.
+//! - Motions: how far each vertex of a posed copy moved between its last two poses, in object space, packed as in `motion.rs`.
 //!
 //! A mesh without triangles is followed by zeros up to [`MIN_WORDS`], so that a stray read stays inside it.
 

@@ -125,7 +125,7 @@ pub struct GpuInstance {
     /// Lightmap: a word as in [`GpuMaterial::textures`].
     pub lightmap: u32,
     /// Corners of the object's rectangle in the lightmap, 16 bits each: u, then v in the upper half. Without a lightmap, the object's
-    /// motion while [`INSTANCE_MOVING`] is set: `motion.rs`.
+    /// motion while [`INSTANCE_MOVING`] is set, and whether its vertices have one: `motion.rs`.
     pub lightmap_rect_or_motion: [u32; 2],
 }
 

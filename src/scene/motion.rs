@@ -4,8 +4,8 @@ use bevy::math::{Mat3, Vec3, ops};
 
 /// Value of the first word if the motion is unknown. No packed vector has this value.
 pub const UNKNOWN_MOTION: u32 = 0x100;
-/// Bit of the second word: the object was posed in this frame, so that its geometry has the motion of each vertex. Rotations are too small
-/// for it.
+/// Bit of the second word: the object was posed in this frame, so that its geometry has the motion of each vertex. It is the top bit of the
+/// vector's exponent, which only rotations from half a radian on have.
 pub const POSED_MOTION: u32 = 1 << 31;
 
 /// Largest value of a component.

@@ -91,7 +91,7 @@ fn exact_mirrors_keep_their_rays() {
 
 /// A camera that switches keeps its reflections while the other passes are compiled, and debug views show texels in their place.
 #[test]
-#[ignore = "long: a change of size at a time"]
+#[ignore = "long: compiles for each size"]
 fn switching_loses_no_reflection() {
     let Some((mut app, camera)) = open(SceneName::AtriumSmall) else {
         return;

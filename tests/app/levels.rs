@@ -213,7 +213,7 @@ fn the_last_of_many_objects_keeps_no_table_long() {
 /// Trees that are merged while a level uses the start of the buffer lie behind that level. They must not keep the buffer large once the
 /// level is gone.
 #[test]
-#[ignore = "long: levels that are merged"]
+#[ignore = "long: waits for merged trees"]
 fn a_tree_merged_behind_a_level_lets_the_buffer_shrink() {
     // The other tracer doesn't merge.
     let Some(mut app) = app(SIZE / 4, Output::Picture, ReflectionTracerChoice::Bvh) else {
@@ -262,7 +262,7 @@ fn a_tree_merged_behind_a_level_lets_the_buffer_shrink() {
 
 /// The next level is loaded before the last one is removed, so it lies behind it. It must not keep the buffers large either.
 #[test]
-#[ignore = "long: levels that are merged"]
+#[ignore = "long: waits for merged trees"]
 fn a_level_that_was_loaded_behind_another_lets_the_buffers_shrink() {
     const LATE: usize = 3;
     for (tracer, mut app) in apps(SIZE / 4, Output::Picture) {

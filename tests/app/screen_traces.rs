@@ -419,7 +419,7 @@ fn spawn_standard_scene(app: &mut HeadlessApp) -> Entity {
 #[ignore = "long: large scenes and their truth"]
 fn standard_scenes_stay_near_the_truth() {
     let size = STANDARD;
-    let Some((tracer, mut app)) = apps(size, Output::Picture).next() else {
+    let Some((tracer, mut app)) = apps(size, Output::Picture).last() else {
         return;
     };
     let camera = spawn_standard_scene(&mut app);

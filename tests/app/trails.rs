@@ -160,9 +160,13 @@ fn a_morphed_lamp_that_crosses_a_smooth_floor_is_sharp() {
         "crossing-morphed",
         0.95,
         |app| {
-            let mesh = Sphere::new(0.35).mesh().build();
-            let target = vec![MorphAttributes::new(Vec3::X, Vec3::ZERO, Vec3::ZERO); mesh.count_vertices()];
+            // Turned by a quarter, and twice as large.
+            let mesh = Sphere::new(0.175).mesh().build();
+            let target = vec![MorphAttributes::new(Vec3::Z * 0.5, Vec3::ZERO, Vec3::ZERO); mesh.count_vertices()];
             let scene = scene(app, 0.08, mesh.with_morph_targets(target), unlit(RED));
+            let mut place = place(app, scene.subject);
+            place.rotate_y(core::f32::consts::FRAC_PI_2);
+            place.scale = Vec3::splat(2.0);
             let weights = MeshMorphWeights::Value { weights: vec![0.0] };
             app.world().entity_mut(scene.subject).insert(weights);
             scene

@@ -58,7 +58,7 @@ const REPORT_TIME: [&str; 2] = ["-Zunstable-options", "--report-time"];
 /// File in which the apps of tests record their work (`tools/scenes/src/headless/profile.rs`).
 const PROFILE: &str = "GLINT_TEST_PROFILE";
 /// Tracer of tests that can run with any tracer (`tests/app/pictures.rs`).
-const TRACER: &str = "GLINT_TEST_TRACER";
+pub const TRACER: &str = "GLINT_TEST_TRACER";
 /// Rows in the table of the slowest tests.
 const SLOWEST: usize = 20;
 

@@ -10,6 +10,7 @@ use std::process::Command;
 use anyhow::{Result, bail, ensure};
 
 use crate::driver::{self, Need};
+use crate::test::TRACER;
 use crate::{cargo, progress};
 
 const LAYER: &str = "VK_LAYER_KHRONOS_validation";
@@ -57,7 +58,9 @@ pub fn run() -> Result<()> {
     let settings = folder.path().join("vk_layer_settings.txt");
     fs::write(&settings, SETTINGS)?;
     let mut tests = progress::step("build of the tests", || cargo::test_program("app"))?;
-    tests.args([TESTS, "--nocapture", "--test-threads=1"]);
+    tests
+        .args([TESTS, "--nocapture", "--test-threads=1"])
+        .env(TRACER, "all");
     let mut bench = progress::step("build glint_bench", || cargo::program("glint_bench"))?;
     bench.args(BENCH.split(' '));
     let mut messages = Messages::default();

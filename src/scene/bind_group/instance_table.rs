@@ -43,6 +43,8 @@ pub(in crate::scene) struct InstanceTable {
     restless: Vec<u32>,
     /// By slot, the frame in which the object moved last.
     moved: Vec<u32>,
+    /// By slot, the frame in which the object was replaced last.
+    replaced: Vec<u32>,
     /// Slots with [`INSTANCE_LEFT`].
     left: Vec<u32>,
     frame: u32,
@@ -62,6 +64,7 @@ impl InstanceTable {
             moved_before: Vec::new(),
             restless: Vec::new(),
             moved: Vec::new(),
+            replaced: Vec::new(),
             left: Vec::new(),
             frame: 1,
         }
@@ -82,6 +85,7 @@ impl InstanceTable {
         }
         self.present.resize(len, false);
         self.moved.resize(len, 0);
+        self.replaced.resize(len, 0);
         self.slice.may_ask_again();
         let limit = self.slice.reserve(len, device).min(MAX_INSTANCES);
         let found = self.limit.min(len)..limit.min(len).max(self.limit.min(len));
@@ -95,9 +99,11 @@ impl InstanceTable {
         self.data.truncate(slots);
         self.present.truncate(slots);
         self.moved.truncate(slots);
+        self.replaced.truncate(slots);
         shrink(&mut self.data);
         shrink(&mut self.present);
         shrink(&mut self.moved);
+        shrink(&mut self.replaced);
     }
 
     /// Returns whether the buffer has room for a slot.
@@ -156,6 +162,7 @@ impl InstanceTable {
             }
         }
         self.present[index] = instance.is_some();
+        self.replaced[index] = self.frame;
         if let Some(instance) = instance {
             let left = self.data[index].flags & INSTANCE_LEFT;
             self.data[index] = GpuInstance {
@@ -283,10 +290,11 @@ impl InstanceTable {
             .then(|| &self.data[slot as usize].world_from_object)
     }
 
-    /// Marks the object as deforming in this frame, in which its transform has been set. `knows_motions` is true if its geometry has
-    /// the motion of each vertex.
+    /// Marks the object as deforming in this frame, after [`Self::set`] and [`Self::set_matrices`]. `knows_motions` is true if its geometry
+    /// has the motion of each vertex.
     pub fn mark_posed(&mut self, slot: u32, knows_motions: bool) -> Change {
-        if !knows_motions {
+        // The place of a replaced object in the last frame is unknown.
+        if !knows_motions || self.replaced[slot as usize] == self.frame {
             return self.mark_moving(slot, [UNKNOWN_MOTION, 0]);
         }
         let change = if self.moved[slot as usize] == self.frame {
@@ -533,6 +541,19 @@ mod tests {
         table.settle();
         table.settle();
         assert_eq!(table.flags(0) & INSTANCE_MOVING, 0, "at rest");
+        // Another object takes its place, and moves on.
+        assert!(table.set(0, object(5.0, NO_TEXTURE, [0; 2])));
+        table.mark_posed(0, true);
+        table.settle();
+        assert_eq!(motion(&table)[0], UNKNOWN_MOTION);
+        table.set_matrices(0, &at(6.0));
+        assert!(table.set(0, object(7.0, NO_TEXTURE, [0; 2])));
+        table.mark_posed(0, true);
+        table.settle();
+        assert_ne!(table.flags(0) & INSTANCE_MOVING, 0);
+        assert_eq!(motion(&table)[0], UNKNOWN_MOTION);
+        table.set(0, object(1.0, NO_TEXTURE, [0; 2]));
+        table.settle();
         // A pose doesn't count as a change of the object.
         table.mark_posed(0, true);
         assert!(!table.set(0, object(1.0, NO_TEXTURE, [0; 2])));

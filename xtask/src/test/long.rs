@@ -37,7 +37,7 @@ pub fn run(
         test.part = describe(cases);
         match &cases[0].variant {
             Some(tracer) => test.command.env(TRACER, tracer),
-            None => test.command.arg("--ignored"),
+            None => test.command.arg("--ignored").env(TRACER, "all"),
         };
         test.command.arg("--exact");
         test.command.args(cases.iter().map(|case| &case.name));
