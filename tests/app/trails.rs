@@ -18,7 +18,7 @@ use glint_scenes::{HeadlessApp, Output, SceneName};
 const SIZE: UVec2 = UVec2::new(240, 160);
 
 /// Factor on the static error that the error in motion can reach.
-const LIMIT: f32 = 1.55;
+const LIMIT: f32 = 1.6;
 
 /// A camera before a glossy floor, and an object above it.
 struct Scene {
