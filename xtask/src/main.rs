@@ -125,5 +125,7 @@ mod tests {
         assert_eq!((options.out, options.program.arguments.len()), (None, 3));
         assert!(matches!(parse("xtask evaluate --out a --readme"), Ok(Command::Evaluate(options)) if options.readme));
         assert!(parse("xtask evaluate --readme").is_err());
+        assert!(parse("xtask stress --lives 5 --mirrors 2").is_ok());
+        assert!(parse("xtask stress --lives 5 --minutes 3").is_err());
     }
 }

@@ -36,10 +36,10 @@ pub struct EvaluateOptions {
 #[derive(clap::Args)]
 pub struct StressOptions {
     /// Instead live this many random lives of cameras: they come and go, change size, settings and targets.
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", conflicts_with = "arguments")]
     pub lives: Option<u32>,
     /// Instead compare this many images of random scenes, 24 in each, with themselves in a mirror.
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", conflicts_with = "arguments")]
     pub mirrors: Option<u32>,
     #[command(flatten)]
     pub program: Options,
