@@ -49,11 +49,11 @@ pub(super) const ROWS: [Row; 8] = [
         stage.spawn_sheets([opaque(), biased]);
     }),
     ("decals in the plane of a wall, by their depth bias", |stage| {
-        stage.spawn_decals([200.0, 1000.0, 30.0], 0.0, AlphaMode::Opaque);
+        stage.spawn_decals([200.0, 1000.0, 100.0], 0.0, AlphaMode::Opaque);
     }),
     ("blended decals in the plane of a wall, by their depth bias", |stage| {
         stage.show_layers();
-        stage.spawn_decals([200.0, 1000.0, 30.0], 0.0, AlphaMode::Blend);
+        stage.spawn_decals([200.0, 1000.0, 100.0], 0.0, AlphaMode::Blend);
     }),
     ("decals in the plane of a wall with a negative depth bias", |stage| {
         stage.spawn_decals([0.0, 20.0, -20.0], -200.0, AlphaMode::Opaque);
