@@ -39,6 +39,7 @@ pub fn app_on_device(
         size,
         output,
         log: std::env::var_os("RUST_LOG").is_some(),
+        one_thread: true,
         ..default()
     };
     app_of(settings, tracer, before, add)

@@ -7,7 +7,7 @@
 
 use super::{FOREVER, plain, spawn_reflecting, spawn_scene};
 use crate::{
-    common::app,
+    common::app_of,
     pictures::{any_tracer, differing_pixels, red_pixels, warm_up},
     poses::{ELBOW, arm, spawn_arm},
     stage::{BEFORE_THE_MIRROR, RED, clear_glass, frame, report, spawn_camera, spawn_mesh, unlit},
@@ -32,7 +32,7 @@ use bevy_glint::{
     ReflectionTracerChoice, ReflectionsOff,
 };
 use core::{fmt, time::Duration};
-use glint_scenes::{HeadlessApp, Output, Random, SceneName, is_alone};
+use glint_scenes::{HeadlessApp, HeadlessSettings, Output, Random, SceneName, is_alone};
 use std::sync::{Mutex, PoisonError};
 
 const SIZE: UVec2 = UVec2::new(96, 64);
@@ -549,7 +549,12 @@ fn live(test: &str, lives: u64) {
 }
 
 fn begin(tracer: ReflectionTracerChoice) -> Option<(HeadlessApp, Life, Expected)> {
-    let mut app = app(SIZE, Output::Picture, tracer)?;
+    // Systems run in parallel, as in a game.
+    let settings = HeadlessSettings {
+        size: SIZE,
+        ..default()
+    };
+    let mut app = app_of(settings, tracer, |_| {}, |_| {})?;
     app.world().insert_resource(FOREVER);
     spawn_scene(&mut app);
     let life = Life::new(&mut app);

@@ -27,7 +27,12 @@ use bevy::{
     core_pipeline::prepass::{DeferredPrepass, DepthPrepass},
     core_pipeline::tonemapping::{DebandDither, Tonemapping},
     diagnostic::FrameCount,
-    ecs::{bundle::Bundle, entity::Entity, world::World},
+    ecs::{
+        bundle::Bundle,
+        entity::Entity,
+        schedule::{Schedules, SingleThreadedExecutor},
+        world::World,
+    },
     image::Image,
     log::LogPlugin,
     math::UVec2,
@@ -85,6 +90,8 @@ pub struct HeadlessSettings {
     pub device: WgpuSettings,
     /// Compiles each pipeline in the frame that needs it first. Otherwise frames go on without the pipeline, as in a window.
     pub synchronous_pipelines: bool,
+    /// Runs systems one after the other, which is faster in small scenes and hides ambiguities in their order.
+    pub one_thread: bool,
 }
 
 impl Default for HeadlessSettings {
@@ -97,6 +104,7 @@ impl Default for HeadlessSettings {
             log: false,
             device: WgpuSettings::default(),
             synchronous_pipelines: true,
+            one_thread: false,
         }
     }
 }
@@ -173,6 +181,13 @@ fn add_bevy(app: &mut App, settings: &HeadlessSettings) {
         .insert_resource(TimeUpdateStrategy::ManualDuration(settings.timestep));
 }
 
+/// Runs the systems of a world one after the other. In small scenes, waking other threads takes longer than the systems.
+fn run_on_one_thread(world: &mut World) {
+    for (_, schedule) in world.resource_mut::<Schedules>().iter_mut() {
+        schedule.set_executor(SingleThreadedExecutor::new());
+    }
+}
+
 impl HeadlessApp {
     /// Builds the app: Bevy's default plugins without a window, then the additions of `add`.
     pub fn new(settings: HeadlessSettings, add: impl FnOnce(&mut App)) -> Result<Self, HeadlessError> {
@@ -195,6 +210,12 @@ impl HeadlessApp {
         }
         app.finish();
         app.cleanup();
+        if settings.one_thread {
+            run_on_one_thread(app.world_mut());
+            if let Some(render) = app.get_sub_app_mut(RenderApp) {
+                run_on_one_thread(render.world_mut());
+            }
+        }
         settings.size = settings.size.max(UVec2::ONE);
         let mut app = Self {
             app,
