@@ -49,6 +49,12 @@ impl Box6 {
         )
     }
 
+    /// Half of the surface.
+    fn surface(&self) -> f32 {
+        let size = Vec3::from(self.high) - Vec3::from(self.low);
+        size.dot(Vec3::new(size.y, size.z, size.x))
+    }
+
     /// A coordinate of the centre. Corners are halved first, because their sum can overflow.
     fn middle(&self, axis: usize) -> f32 {
         0.5 * self.low[axis] + 0.5 * self.high[axis]
@@ -150,19 +156,28 @@ impl BoxTable {
     }
 }
 
+/// Growth of the nodes' surfaces from which on boxes are sorted anew. With a higher value, boxes are sorted less often, and rays visit more of
+/// them.
+const GROWTH: f32 = 1.1;
+
 /// Builds trees, and reuses its memory.
 #[derive(Default)]
 pub struct Tree {
     boxes: Vec<Box6>,
     order: Vec<u32>,
     nodes: Vec<Box6>,
+    /// Sum of the nodes' surfaces when the boxes were sorted.
+    sorted_surface: f32,
 }
 
 impl Tree {
-    /// Builds the tree over these boxes.
+    /// Builds the tree over these boxes. Boxes that have moved a little since the last tree keep its order, since sorting takes most of the time.
     pub fn build(&mut self, boxes: impl Iterator<Item = Box6>) {
         self.boxes.clear();
         self.boxes.extend(boxes);
+        if self.order.len() == self.boxes.len() && self.fit() <= GROWTH * self.sorted_surface {
+            return;
+        }
         self.order.clear();
         self.nodes.clear();
         if self.boxes.is_empty() {
@@ -172,6 +187,12 @@ impl Tree {
         self.order.extend(0..self.boxes.len() as u32);
         divide(&mut self.order, leaves, &self.boxes);
         self.nodes.resize(leaves, Box6::EMPTY);
+        self.sorted_surface = self.fit();
+    }
+
+    /// Computes the nodes. Returns the sum of their surfaces.
+    fn fit(&mut self) -> f32 {
+        let (leaves, mut surface) = (self.nodes.len(), 0.0);
         let child = |nodes: &[Box6], node: usize| match node.checked_sub(leaves) {
             None => nodes[node],
             Some(leaf) => {
@@ -181,7 +202,9 @@ impl Tree {
         };
         for node in (1..leaves).rev() {
             self.nodes[node] = child(&self.nodes, 2 * node).join(child(&self.nodes, 2 * node + 1));
+            surface += self.nodes[node].surface();
         }
+        surface
     }
 
     /// Indices of the boxes in the order of the leaves.

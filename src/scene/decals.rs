@@ -52,6 +52,8 @@ pub(super) struct DecalTable {
     drawn: Option<bool>,
     /// In the order of the main world.
     given: Vec<GpuDecal>,
+    /// The images of each of them.
+    painted: Vec<[Option<AssetId<Image>>; 4]>,
     table: BoxTable,
     /// Version of the extracted decals in the table, and whether some material showed them.
     version: Option<(u64, bool)>,
@@ -130,13 +132,22 @@ impl DecalTable {
         if shown.len() < decals.len() {
             warn_once!("reflections show {MAX_DECALS} of {} decals", decals.len());
         }
-        self.use_images(shown, textures);
+        let keeps_images =
+            !is_repainted && !has_room && shown.iter().map(|decal| decal.images).eq(self.painted.iter().copied());
+        if !keeps_images {
+            self.use_images(shown, textures);
+            self.painted = shown.iter().map(|decal| decal.images).collect();
+        }
         let word = |image: Option<AssetId<Image>>| image.and_then(|image| textures.packed(image)).unwrap_or(NO_TEXTURE);
         let packed: Vec<GpuDecal> = shown
             .iter()
-            .map(|decal| GpuDecal {
+            .enumerate()
+            .map(|(index, decal)| GpuDecal {
                 decal_from_world: decal.decal_from_world,
-                textures: decal.images.map(word),
+                textures: match self.given.get(index) {
+                    Some(given) if keeps_images => given.textures,
+                    _ => decal.images.map(word),
+                },
             })
             .collect();
         if packed == self.given && !is_repainted && !must_move {

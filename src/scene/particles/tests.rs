@@ -77,3 +77,30 @@ fn rays_reach_every_particle_on_their_path() {
     }
     assert!(met > 150 && reached < 16 * met, "{reached} leaves for {met} particles");
 }
+
+#[test]
+fn particles_are_sorted_anew_only_when_they_have_moved_far() {
+    let mut tree = Tree::default();
+    let start = particles(777);
+    let moved = |by: f32| {
+        start.iter().enumerate().map(move |(index, particle)| {
+            let away = by * (spread(index + 99) - 0.5);
+            let [low, high] = bounds(particle).corners().map(|corner| corner + away);
+            Box6::new(low, high)
+        })
+    };
+    tree.build(moved(0.0));
+    let order = tree.order().to_vec();
+    tree.build(moved(0.1));
+    assert_eq!(tree.order(), order);
+    let root = moved(0.1).fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(low, high), bounds| {
+        let [first, last] = bounds.corners();
+        (low.min(first), high.max(last))
+    });
+    assert_eq!(tree.nodes()[1].corners(), [root.0, root.1], "nodes follow");
+    tree.build(moved(30.0));
+    assert_ne!(tree.order(), order);
+    let mut new = Tree::default();
+    new.build(moved(30.0));
+    assert_eq!(tree.order(), new.order());
+}
