@@ -3,9 +3,10 @@
 use crate::{
     common::app_with,
     pictures::{reflect, warm_up},
-    stage::{BEFORE_THE_MIRROR, SIZE, metal, spawn_camera, spawn_mesh, wall},
+    stage::{BEFORE_THE_MIRROR, SIZE, clear_glass, metal, spawn_camera, spawn_mesh, wall},
 };
 use bevy::{
+    light::{FogVolume, VolumetricFog, VolumetricLight},
     pbr::{DistanceFog, FogFalloff, ScreenSpaceAmbientOcclusion},
     prelude::*,
 };
@@ -97,6 +98,65 @@ fn effects_treat_rays_as_they_treat_the_environment_map() {
 
 fn occlusion() -> (Msaa, ScreenSpaceAmbientOcclusion) {
     (Msaa::Off, ScreenSpaceAmbientOcclusion::default())
+}
+
+/// Fog before the camera dims what a lake reflects as it dims what is seen directly.
+#[test]
+fn volumetric_fog_covers_reflections_on_water() {
+    let Some(mut app) = app() else { return };
+    let app = &mut app;
+    let place = Transform::from_xyz(0.0, 2.0, 6.0).looking_at(Vec3::new(0.0, 0.5, -4.0), Vec3::Y);
+    let camera = spawn_camera(app, place, SceneName::MirrorRoom);
+    app.world().entity_mut(camera).insert(VolumetricFog {
+        ambient_intensity: 0.0,
+        ..default()
+    });
+    let lake = Plane3d::default().mesh().size(20.0, 8.0);
+    spawn_mesh(app, lake, clear_glass(), Transform::from_xyz(0.0, 0.0, -2.0));
+    let panel = StandardMaterial {
+        base_color: Color::WHITE,
+        unlit: true,
+        ..default()
+    };
+    spawn_mesh(
+        app,
+        Cuboid::new(6.0, 1.5, 0.1),
+        panel,
+        Transform::from_xyz(0.0, 1.2, -8.0),
+    );
+    app.world().spawn((DirectionalLight::default(), VolumetricLight));
+    reflect(app, camera, ReflectionTechnique::Reference);
+    app.warm_up(20_000).unwrap();
+    let mut image = |fog: f32| {
+        let volume = FogVolume {
+            density_factor: fog,
+            light_tint: Color::BLACK,
+            ..default()
+        };
+        // Beyond it lie the lake and the panel.
+        let at = Transform::from_xyz(0.0, 2.0, 4.0).with_scale(Vec3::new(20.0, 20.0, 1.0));
+        let volume = app.world().spawn((volume, at)).id();
+        app.warm_up(20_000).unwrap();
+        app.step(4);
+        let image = capture(app);
+        app.world().despawn(volume);
+        image
+    };
+    let (clear, foggy) = (image(0.0), image(1.5));
+    let width = SIZE.x as usize;
+    // Where the panel fills the image above the horizon, and its reflection below.
+    let transmittance = |rows: core::ops::Range<usize>| {
+        let pixels: Vec<_> = (rows.start * width..rows.end * width)
+            .filter(|pixel| clear[*pixel] > 0.02)
+            .collect();
+        assert!(pixels.len() > 50, "{} pixels show the panel", pixels.len());
+        mean(pixels.iter().map(|pixel| foggy[*pixel])) / mean(pixels.iter().map(|pixel| clear[*pixel]))
+    };
+    let half = SIZE.y as usize / 2;
+    let (direct, reflected) = (transmittance(0..half), transmittance(half..SIZE.y as usize));
+    println!("{direct:.3} of the light passes the fog, and {reflected:.3} of the lake's");
+    assert!((0.1..0.8).contains(&direct), "{direct}");
+    assert!((reflected / direct - 1.0).abs() < 0.08, "{direct} and {reflected}");
 }
 
 /// Bright objects glow even if only a mirror shows them.
