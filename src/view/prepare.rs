@@ -17,6 +17,7 @@ use crate::{
 };
 use bevy::{
     camera::{MainPassResolutionOverride, NormalizedRenderTarget},
+    diagnostic::FrameCount,
     ecs::{entity::EntityHashMap, prelude::*, query::QueryData, system::SystemParam},
     light::{EnvironmentMapLight, IrradianceVolume},
     math::{UVec2, Vec4Swizzles},
@@ -56,6 +57,7 @@ pub(crate) struct Surroundings<'w, 's> {
     scene: Res<'w, SceneBindings>,
     environments: Res<'w, EnvironmentBindings>,
     time: Res<'w, Time>,
+    frames: Res<'w, FrameCount>,
 }
 
 impl PreparedViewItem<'_, '_> {
@@ -109,6 +111,7 @@ impl PreparedViewItem<'_, '_> {
             flags,
             fog: self.fog.into(),
             seconds: surroundings.time.elapsed_secs_wrapped(),
+            number: surroundings.frames.0,
             shift: surroundings.scene.shift,
             world_origin: surroundings.scene.origin,
             scene: surroundings.scene.version.all,
@@ -173,9 +176,36 @@ impl RefusedViews {
     }
 }
 
+/// Least part of a frame that the history of another view must show.
+const COVERAGE: f32 = 0.5;
+
+/// Views that aren't drawn in this frame, with what they keep.
+type LeftViews<'w, 's> = Query<'w, 's, &'static mut ReflectionTextures, Without<ReflectionView>>;
+
+/// After a cut between two cameras, gives a view the history of the one that was drawn until now, if that shows more of the same surfaces
+/// than its own. Returns whether it did.
+fn take_history(
+    textures: &mut ReflectionTextures,
+    frame: &Frame,
+    (sizes, needs): (Sizes, Needs),
+    left: &mut LeftViews,
+) -> bool {
+    let mut least = textures.coverage(frame).max(COVERAGE);
+    let mut taken = false;
+    for mut other in left {
+        let coverage = other.coverage(frame);
+        if coverage > least && other.is_of_last_frame(frame) && other.fit(sizes, needs) {
+            textures.take_over(&mut other);
+            (least, taken) = (coverage, true);
+        }
+    }
+    taken
+}
+
 /// Creates the textures of new and resized views and writes the uniforms of all views.
 pub(super) fn prepare_views(
     mut views: Query<PreparedView>,
+    mut left: LeftViews,
     surroundings: Surroundings,
     in_place: Res<WritesInPlace>,
     device: Res<RenderDevice>,
@@ -200,7 +230,9 @@ pub(super) fn prepare_views(
         match textures {
             Some(mut textures) if fits => {
                 // Earlier reports were about another size.
-                if let Some(mut culling) = culling.filter(|_| is_resized) {
+                let is_taken = !textures.is_of_last_frame(&frame)
+                    && take_history(&mut textures, &frame, (sizes, needs), &mut left);
+                if let Some(mut culling) = culling.filter(|_| is_resized || is_taken) {
                     culling.invalidate();
                 }
                 textures.begin_frame(view, &frame);
@@ -219,6 +251,7 @@ pub(super) fn prepare_views(
                     refused.note(entity);
                     continue;
                 };
+                take_history(&mut textures, &frame, (sizes, needs), &mut left);
                 textures.begin_frame(view, &frame);
                 textures.uniform.write_buffer(&device, &queue);
                 commands.entity(entity).insert(textures);

@@ -33,7 +33,11 @@ pub struct ReflectionTextures {
     /// Frames in which a ray hit a changed object, plus changes whose visibility is unknown.
     met: [u32; 2],
     previous: Option<PreviousFrame>,
-    /// [`Frame::world_origin`] of the last frame.
+    /// The last frame is that of another camera.
+    is_taken: bool,
+    /// [`Frame::number`] of the last frame ...
+    drawn: u32,
+    /// ... and its [`Frame::world_origin`].
     world_origin: DVec3,
     /// This view is static in this frame, at least partly.
     pub(crate) is_at_rest: bool,
@@ -60,6 +64,8 @@ impl ReflectionTextures {
             scene: 0,
             met: [0; 2],
             previous: None,
+            is_taken: false,
+            drawn: 0,
             world_origin: DVec3::ZERO,
             is_at_rest: false,
             static_view: StaticView::default(),
@@ -100,6 +106,30 @@ impl ReflectionTextures {
         }
     }
 
+    /// Returns whether the frame before this one was drawn.
+    pub(crate) fn is_of_last_frame(&self, frame: &Frame) -> bool {
+        self.drawn.wrapping_add(1) == frame.number
+    }
+
+    /// Part of a frame's surfaces that the history shows, by the two cameras.
+    pub(crate) fn coverage(&self, frame: &Frame) -> f32 {
+        let Some(mut previous) = self.previous.filter(|_| self.accumulated > 0) else {
+            return 0.0;
+        };
+        if self.world_origin != frame.world_origin {
+            previous.shift(self.world_origin, frame);
+        }
+        previous.covers(frame.clip_from_world)
+    }
+
+    /// Exchanges everything with the textures of another view, and begins to count static frames anew.
+    pub(crate) fn take_over(&mut self, other: &mut Self) {
+        core::mem::swap(self, other);
+        self.is_taken = true;
+        self.static_view = StaticView::default();
+        other.static_view = StaticView::default();
+    }
+
     /// Advances the state by one frame and sets the uniform, which must still be written to the GPU.
     pub(crate) fn begin_frame(&mut self, view: &ReflectionView, frame: &Frame) {
         let converged = view.settings.technique == ReflectionTechnique::Converged;
@@ -130,12 +160,15 @@ impl ReflectionTextures {
             exposure: frame.exposure,
             size: self.targets.sizes.full,
         };
+        let is_taken = core::mem::take(&mut self.is_taken);
         let state = FrameState {
             sample_index: self.sample_index,
             accumulated: self.accumulated,
             static_frames: if converged { 0 } else { static_frames },
+            is_cut: self.accumulated > 0 && (is_taken || !self.is_of_last_frame(frame)),
             previous: self.previous.replace(now).unwrap_or(now),
         };
+        self.drawn = frame.number;
         self.is_at_rest = state.is_at_rest();
         let (sizes, rate) = (self.targets.sizes, &view.rate.thresholds);
         self.origin = frame.origin;

@@ -130,6 +130,9 @@ pub const VIEW_REUSES_SCREEN: u32 = 256;
 /// ... of this frame instead of the last one.
 pub const VIEW_SCREEN_IS_NEW: u32 = 512;
 
+/// The history isn't of this camera's last frame, so that Bevy's motion vectors don't lead to it.
+pub const VIEW_CAMERA_CUT: u32 = 2048;
+
 /// Frame in [`Targets::screen`](crate::targets::Targets::screen) for the rays of a view.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Screen {
@@ -151,6 +154,8 @@ pub(crate) struct Frame {
     pub fog: Fog,
     /// Seconds since the start of the app.
     pub seconds: f32,
+    /// Counts frames of the app, and wraps.
+    pub number: u32,
     /// Vector by which the whole world was shifted in this frame ...
     pub shift: Vec3,
     /// ... and the sum of all of them.
@@ -198,6 +203,8 @@ pub(super) struct FrameState {
     pub accumulated: u32,
     pub static_frames: u32,
     pub previous: PreviousFrame,
+    /// `previous` isn't this camera's last frame.
+    pub is_cut: bool,
 }
 
 /// Number of frames without a change after which clipping of the history begins to fade; `filters.wesl` has the same number.
@@ -237,6 +244,23 @@ fn exposure_history(ratio: f32) -> f32 {
 const SHIFT_TOLERANCE: f32 = 1e-6;
 
 impl PreviousFrame {
+    /// Part of the space before a camera that this one showed. The samples lie on 16 rays, at 10 to 300 times the distance of the near plane.
+    pub fn covers(&self, clip_from_world: Mat4) -> f32 {
+        const PLACES: [f32; 4] = [-0.75, -0.25, 0.25, 0.75];
+        const DEPTHS: [f32; 4] = [0.1, 0.03, 0.01, 0.003];
+        let world_from_clip = clip_from_world.inverse();
+        let was_seen = |x: f32, y: f32, depth: f32| {
+            let point = world_from_clip.project_point3(Vec3::new(x, y, depth));
+            let clip = self.clip_from_world * point.extend(1.0);
+            clip.w > 0.0 && clip.x.abs() <= clip.w && clip.y.abs() <= clip.w
+        };
+        let samples = PLACES
+            .into_iter()
+            .flat_map(|x| PLACES.map(|y| DEPTHS.map(|depth| was_seen(x, y, depth))))
+            .flatten();
+        samples.filter(|&seen| seen).count() as f32 / 64.0
+    }
+
     /// Moves the camera with the world, unless it stayed where it was. `before` is [`Frame::world_origin`] of the last frame, which can be
     /// older for a view that wasn't drawn: such a view moves by all shifts since then. Returns whether the view of the world stayed the same.
     pub fn shift(&mut self, before: DVec3, frame: &Frame) -> bool {
@@ -273,7 +297,10 @@ impl GpuReflectionView {
             max_ray_length: settings.max_ray_length,
             sample_index: state.sample_index,
             accumulated: state.accumulated,
-            flags: frame.flags | flags(settings, rate) | screen_flags(settings, frame.screen, state),
+            flags: frame.flags
+                | flags(settings, rate)
+                | screen_flags(settings, frame.screen, state)
+                | if state.is_cut { VIEW_CAMERA_CUT } else { 0 },
             origin: frame.origin,
             gbuffer_origin: frame.gbuffer_origin,
             size: sizes.full,
@@ -385,12 +412,17 @@ impl From<Option<&DistanceFog>> for Fog {
 mod tests {
     use super::*;
     use crate::settings::{RayTracedReflections, ScreenTraces};
+    use bevy::{
+        camera::{CameraProjection, PerspectiveProjection},
+        transform::components::Transform,
+    };
 
     fn state(static_frames: u32, accumulated: u32) -> FrameState {
         FrameState {
             sample_index: 0,
             accumulated,
             static_frames,
+            is_cut: false,
             previous: PreviousFrame {
                 clip_from_world: Mat4::IDENTITY,
                 world_position: Vec3::ZERO,
@@ -426,6 +458,30 @@ mod tests {
             assert_eq!(flags(reuse, screen, state(9, 40)), 0, "at rest");
             assert_eq!(flags(ScreenTraces::Off, screen, state(0, 9)), 0);
         }
+    }
+
+    #[test]
+    fn a_camera_covers_what_it_showed() {
+        let camera = |at: Vec3, to: Vec3| {
+            PerspectiveProjection::default().get_clip_from_view()
+                * Transform::from_translation(at)
+                    .looking_at(to, Vec3::Y)
+                    .to_matrix()
+                    .inverse()
+        };
+        let covers = |clip_from_world, seen| {
+            let previous = PreviousFrame {
+                clip_from_world,
+                ..state(0, 0).previous
+            };
+            previous.covers(seen)
+        };
+        let now = camera(Vec3::ZERO, Vec3::Z);
+        assert_eq!(covers(now, now), 1.0);
+        assert_eq!(covers(camera(Vec3::ZERO, -Vec3::Z), now), 0.0, "the other way");
+        assert_eq!(covers(camera(Vec3::Z * 100.0, Vec3::Z * 200.0), now), 0.0, "farther on");
+        let beside = covers(camera(Vec3::X * 0.5, Vec3::new(0.5, 0.0, 1.0)), now);
+        assert!((0.7..1.0).contains(&beside), "{beside}");
     }
 
     #[test]

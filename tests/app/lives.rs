@@ -65,6 +65,7 @@ fn cameras_come_and_go() {
     share_app(&[
         a_camera_that_draws_every_other_frame_reflects,
         a_cut_shows_reflections_in_its_first_frame,
+        a_cut_keeps_the_history_of_what_both_cameras_see,
         a_frame_without_a_camera_loses_nothing,
         after_a_time_without_a_camera_all_is_freed,
         a_reset_is_not_put_off_by_pipelines,
@@ -122,6 +123,62 @@ fn a_cut_shows_reflections_in_its_first_frame(app: &mut HeadlessApp, tracer: Ref
     spawn_reflecting(app);
     frame(app);
     assert_eq!(red(app), expected, "{tracer:?}: a new camera");
+}
+
+/// Mean difference of the channels of two images.
+fn difference(a: &[u8], b: &[u8]) -> f64 {
+    let sum: u64 = a.iter().zip(b).map(|(a, b)| u64::from(a.abs_diff(*b))).sum();
+    sum as f64 / a.len() as f64
+}
+
+fn a_cut_keeps_the_history_of_what_both_cameras_see(app: &mut HeadlessApp, tracer: ReflectionTracerChoice) {
+    retain(app, FOREVER);
+    spawn_mesh(app, wall(), metal(0.3), Transform::IDENTITY);
+    // Their reflections stay near them, wherever the camera is.
+    for index in 0..9 {
+        let at = Transform::from_xyz(0.8 * index as f32 - 3.2, 0.0, 0.3);
+        spawn_mesh(app, Cuboid::new(0.2, 4.0, 0.2), unlit(RED), at);
+    }
+    let places = [0.0, 0.3].map(|x| BEFORE_THE_MIRROR.with_translation(BEFORE_THE_MIRROR.translation + x * Vec3::X));
+    let cameras = places.map(|at| {
+        let camera = spawn_reflecting(app);
+        let denoised = RayTracedReflections {
+            reset: false,
+            ..default()
+        };
+        app.world().entity_mut(camera).insert((denoised, at));
+        activate(app, camera, false);
+        camera
+    });
+    let first_frame = |app: &mut HeadlessApp, camera: Entity| {
+        activate(app, camera, true);
+        frame(app);
+        app.capture().unwrap()
+    };
+    activate(app, cameras[0], true);
+    warm_up(app);
+    (0..40).for_each(|_| frame(app));
+    let at_first = app.capture().unwrap();
+    activate(app, cameras[0], false);
+    let cut = first_frame(app, cameras[1]);
+    (0..40).for_each(|_| frame(app));
+    let at_second = app.capture().unwrap();
+    // It moves while it draws nothing: Bevy's motion vectors don't lead to its last frame.
+    activate(app, cameras[1], false);
+    *app.world().get_mut::<Transform>(cameras[1]).unwrap() = places[0];
+    (0..3).for_each(|_| frame(app));
+    let back = first_frame(app, cameras[1]);
+    app.world().get_mut::<RayTracedReflections>(cameras[1]).unwrap().reset = true;
+    frame(app);
+    let new = app.capture().unwrap();
+    let cut = difference(&cut, &at_second);
+    let [back, new] = [back, new].map(|image| difference(&image, &at_first));
+    println!("{tracer:?}: mean difference {cut:.3} after a cut, {back:.3} after a pause, {new:.3} without history");
+    assert!(new > 0.5, "{tracer:?}: {new}");
+    assert!(
+        1.5 * cut < new && 1.5 * back < new,
+        "{tracer:?}: {cut}, {back} and {new}"
+    );
 }
 
 fn a_frame_without_a_camera_loses_nothing(app: &mut HeadlessApp, tracer: ReflectionTracerChoice) {
