@@ -159,6 +159,8 @@ impl BoxTable {
 /// Growth of the nodes' surfaces from which on boxes are sorted anew. With a higher value, boxes are sorted less often, and rays visit more of
 /// them.
 const GROWTH: f32 = 1.1;
+/// Number of trees after which boxes are sorted anew in any case: boxes that gather, or that one box far away outweighs, can be in any order.
+const MOST_KEPT: u32 = 32;
 
 /// Builds trees, and reuses its memory.
 #[derive(Default)]
@@ -166,8 +168,10 @@ pub struct Tree {
     boxes: Vec<Box6>,
     order: Vec<u32>,
     nodes: Vec<Box6>,
-    /// Sum of the nodes' surfaces when the boxes were sorted.
-    sorted_surface: f32,
+    /// Least sum of the nodes' surfaces since the boxes were sorted.
+    least_surface: f32,
+    /// Trees since then.
+    kept: u32,
 }
 
 impl Tree {
@@ -175,9 +179,15 @@ impl Tree {
     pub fn build(&mut self, boxes: impl Iterator<Item = Box6>) {
         self.boxes.clear();
         self.boxes.extend(boxes);
-        if self.order.len() == self.boxes.len() && self.fit() <= GROWTH * self.sorted_surface {
-            return;
+        if self.order.len() == self.boxes.len() && self.kept < MOST_KEPT {
+            let surface = self.fit();
+            self.kept += 1;
+            if surface <= GROWTH * self.least_surface && surface.is_finite() {
+                self.least_surface = self.least_surface.min(surface);
+                return;
+            }
         }
+        self.kept = 0;
         self.order.clear();
         self.nodes.clear();
         if self.boxes.is_empty() {
@@ -187,7 +197,7 @@ impl Tree {
         self.order.extend(0..self.boxes.len() as u32);
         divide(&mut self.order, leaves, &self.boxes);
         self.nodes.resize(leaves, Box6::EMPTY);
-        self.sorted_surface = self.fit();
+        self.least_surface = self.fit();
     }
 
     /// Computes the nodes. Returns the sum of their surfaces.

@@ -132,8 +132,9 @@ impl DecalTable {
         if shown.len() < decals.len() {
             warn_once!("reflections show {MAX_DECALS} of {} decals", decals.len());
         }
-        let keeps_images =
-            !is_repainted && !has_room && shown.iter().map(|decal| decal.images).eq(self.painted.iter().copied());
+        let keeps_images = !is_repainted
+            && self.full_at.is_none()
+            && shown.iter().map(|decal| decal.images).eq(self.painted.iter().copied());
         if !keeps_images {
             self.use_images(shown, textures);
             self.painted = shown.iter().map(|decal| decal.images).collect();
