@@ -167,7 +167,33 @@ pub struct PipelineTargets {
     pub history: Option<HistoryTargets>,
 }
 
+/// The textures of one index of all ping-pong pairs that are part of the history.
+pub struct HistoryHalf {
+    rate: TextureView,
+    history: Option<[TextureView; 3]>,
+}
+
 impl PipelineTargets {
+    /// The textures of this index.
+    pub fn half(&self, index: usize) -> HistoryHalf {
+        let history = self.history.as_ref();
+        HistoryHalf {
+            rate: self.rate[index].clone(),
+            history: history
+                .map(|pairs| [&pairs.radiance, &pairs.stats, &pairs.surface].map(|pair| pair[index].clone())),
+        }
+    }
+
+    /// Replaces the textures of this index, and returns the replaced ones.
+    pub fn replace_half(&mut self, index: usize, half: HistoryHalf) -> HistoryHalf {
+        let replaced = self.half(index);
+        self.rate[index] = half.rate;
+        if let (Some(pairs), Some([radiance, stats, surface])) = (&mut self.history, half.history) {
+            (pairs.radiance[index], pairs.stats[index], pairs.surface[index]) = (radiance, stats, surface);
+        }
+        replaced
+    }
+
     /// Texture for passing hits from tracing to shading: the surfaces of the history that this frame writes later, if it has four pixels
     /// for each trace pixel.
     pub fn hits(&self, write_index: usize) -> Option<&TextureView> {
@@ -298,10 +324,15 @@ impl Targets {
 
     /// Returns whether a view of another size can use them: it must fit and leave less than three quarters of them unused.
     pub fn can_hold(&self, sizes: Sizes) -> bool {
-        let kind = |sizes: Sizes| (sizes.trace_scale, sizes.texel, sizes.tile);
-        let is_same_kind = kind(sizes) == kind(self.sizes);
         let fits = sizes.full.cmple(self.capacity).all() && (2 * sizes.full).cmpge(self.capacity).all();
-        sizes == self.sizes || (self.needs.in_parts && is_same_kind && fits)
+        sizes == self.sizes || (fits && self.is_like(sizes, self.needs))
+    }
+
+    /// Returns whether a view of this size and with these needs can read the history in them.
+    pub fn is_like(&self, sizes: Sizes, needs: Needs) -> bool {
+        let kind = |sizes: Sizes| (sizes.trace_scale, sizes.texel, sizes.tile);
+        let is_same_kind = self.needs == needs && kind(sizes) == kind(self.sizes);
+        is_same_kind && (needs.in_parts || sizes == self.sizes)
     }
 
     /// For a view that can grow to `capacity` pixels later, if it can occupy a part of them.

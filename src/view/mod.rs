@@ -57,12 +57,15 @@ impl Plugin for ViewPlugin {
                 prepare_views
                     .in_set(ReflectionSystems::PrepareViews)
                     .in_set(PreparedViews),
-                (publish_memory, drop_unused_groups).in_set(RenderSystems::Cleanup),
+                (publish_memory, end_frame).chain().in_set(RenderSystems::Cleanup),
             ),
         );
     }
 }
 
-fn drop_unused_groups(views: Query<&ReflectionTextures>) {
-    views.iter().for_each(|textures| textures.groups.drop_unused());
+fn end_frame(mut views: Query<&mut ReflectionTextures>) {
+    for mut textures in &mut views {
+        textures.groups.drop_unused();
+        textures.end_frame();
+    }
 }

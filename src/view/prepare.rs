@@ -127,6 +127,7 @@ impl PreparedViewItem<'_, '_> {
             may_move: self.view.settings.marches_screen() || cameras.any(|other| is_screen(other, self.camera)),
             culled: self.culling.as_ref().is_some_and(|culling| culling.is_culled()),
             screen: Screen::Last,
+            follows_own_motion: false,
         }
     }
 }
@@ -176,36 +177,38 @@ impl RefusedViews {
     }
 }
 
-/// Least part of a frame that the history of another view must show.
+/// Part of a frame beyond which the history of another view is worth reading. With a larger value, more cuts begin with noise; a smaller one
+/// reads histories that most pixels find nothing in.
 const COVERAGE: f32 = 0.5;
 
 /// Views that aren't drawn in this frame, with what they keep.
-type LeftViews<'w, 's> = Query<'w, 's, &'static mut ReflectionTextures, Without<ReflectionView>>;
+type LeftViews<'w, 's> = Query<'w, 's, &'static ReflectionTextures, Without<ReflectionView>>;
 
-/// After a cut between two cameras, gives a view the history of the one that was drawn until now, if that shows more of the same surfaces
-/// than its own. Returns whether it did.
-fn take_history(
-    textures: &mut ReflectionTextures,
-    frame: &Frame,
-    (sizes, needs): (Sizes, Needs),
-    left: &mut LeftViews,
-) -> bool {
-    let mut least = textures.coverage(frame).max(COVERAGE);
-    let mut taken = false;
-    for mut other in left {
-        let coverage = other.coverage(frame);
-        if coverage > least && other.is_of_last_frame(frame) && other.fit(sizes, needs) {
-            textures.take_over(&mut other);
-            (least, taken) = (coverage, true);
-        }
+/// After a cut between two cameras, lets a view read the history of the one that was drawn in the last frame, if that shows more of the same
+/// surfaces than its own. Returns whether it does.
+fn borrow_history(textures: &mut ReflectionTextures, view: &ReflectionView, frame: &Frame, left: &LeftViews) -> bool {
+    let (sizes, needs) = (textures.targets.sizes, textures.targets.needs);
+    if view.reset || needs.accumulation || frame.culled || textures.is_of_last_frame(frame) {
+        return false;
     }
-    taken
+    let others = left
+        .iter()
+        .filter(|other| other.is_of_last_frame(frame) && other.targets.is_like(sizes, needs));
+    let best = others
+        .map(|other| (other.coverage(frame), other))
+        .max_by(|(a, _), (b, _)| a.total_cmp(b));
+    let least = COVERAGE.max(textures.coverage(frame));
+    let Some((_, other)) = best.filter(|(coverage, _)| *coverage > least) else {
+        return false;
+    };
+    textures.borrow(other, frame);
+    true
 }
 
 /// Creates the textures of new and resized views and writes the uniforms of all views.
 pub(super) fn prepare_views(
     mut views: Query<PreparedView>,
-    mut left: LeftViews,
+    left: LeftViews,
     surroundings: Surroundings,
     in_place: Res<WritesInPlace>,
     device: Res<RenderDevice>,
@@ -230,9 +233,8 @@ pub(super) fn prepare_views(
         match textures {
             Some(mut textures) if fits => {
                 // Earlier reports were about another size.
-                let is_taken = !textures.is_of_last_frame(&frame)
-                    && take_history(&mut textures, &frame, (sizes, needs), &mut left);
-                if let Some(mut culling) = culling.filter(|_| is_resized || is_taken) {
+                let has_borrowed = borrow_history(&mut textures, view, &frame, &left);
+                if let Some(mut culling) = culling.filter(|_| is_resized || has_borrowed) {
                     culling.invalidate();
                 }
                 textures.begin_frame(view, &frame);
@@ -251,7 +253,7 @@ pub(super) fn prepare_views(
                     refused.note(entity);
                     continue;
                 };
-                take_history(&mut textures, &frame, (sizes, needs), &mut left);
+                borrow_history(&mut textures, view, &frame, &left);
                 textures.begin_frame(view, &frame);
                 textures.uniform.write_buffer(&device, &queue);
                 commands.entity(entity).insert(textures);

@@ -7,7 +7,7 @@ use super::{
 };
 use crate::{
     settings::{ReflectionTechnique, ReflectionView},
-    targets::{Needs, Sizes, Targets},
+    targets::{HistoryHalf, Needs, Sizes, Targets},
 };
 use bevy::{
     ecs::component::Component,
@@ -33,8 +33,8 @@ pub struct ReflectionTextures {
     /// Frames in which a ray hit a changed object, plus changes whose visibility is unknown.
     met: [u32; 2],
     previous: Option<PreviousFrame>,
-    /// The last frame is that of another camera.
-    is_taken: bool,
+    /// Own textures, while this frame reads another view's history in their place.
+    replaced: Option<HistoryHalf>,
     /// [`Frame::number`] of the last frame ...
     drawn: u32,
     /// ... and its [`Frame::world_origin`].
@@ -64,7 +64,7 @@ impl ReflectionTextures {
             scene: 0,
             met: [0; 2],
             previous: None,
-            is_taken: false,
+            replaced: None,
             drawn: 0,
             world_origin: DVec3::ZERO,
             is_at_rest: false,
@@ -111,23 +111,39 @@ impl ReflectionTextures {
         self.drawn.wrapping_add(1) == frame.number
     }
 
-    /// Part of a frame's surfaces that the history shows, by the two cameras.
-    pub(crate) fn coverage(&self, frame: &Frame) -> f32 {
-        let Some(mut previous) = self.previous.filter(|_| self.accumulated > 0) else {
-            return 0.0;
-        };
-        if self.world_origin != frame.world_origin {
-            previous.shift(self.world_origin, frame);
-        }
-        previous.covers(frame.clip_from_world)
+    /// The camera of the history, in the coordinates of a frame.
+    fn previous_in(&self, frame: &Frame) -> Option<PreviousFrame> {
+        let by = (frame.world_origin - self.world_origin).as_vec3();
+        let previous = self.previous.filter(|_| self.accumulated > 0);
+        previous.map(|previous| previous.translated(by))
     }
 
-    /// Exchanges everything with the textures of another view, and begins to count static frames anew.
-    pub(crate) fn take_over(&mut self, other: &mut Self) {
-        core::mem::swap(self, other);
-        self.is_taken = true;
+    /// Part of a frame's surfaces that the history shows, by the two cameras.
+    pub(crate) fn coverage(&self, frame: &Frame) -> f32 {
+        let previous = self.previous_in(frame);
+        previous.map_or(0.0, |previous| previous.covers(frame.clip_from_world))
+    }
+
+    /// In the next frame, reads the history of another view in place of its own one, and changes nothing of the other view.
+    pub(crate) fn borrow(&mut self, other: &Self, frame: &Frame) {
+        let own = self.targets.pipeline.as_mut();
+        let (Some(own), Some(theirs)) = (own, &other.targets.pipeline) else {
+            return;
+        };
+        // The frame reads what the last one wrote.
+        let replaced = own.replace_half(self.write_index, theirs.half(other.write_index));
+        self.replaced = Some(replaced);
+        self.previous = other.previous_in(frame);
+        self.accumulated = other.accumulated;
+        self.world_origin = frame.world_origin;
         self.static_view = StaticView::default();
-        other.static_view = StaticView::default();
+    }
+
+    /// Call after each frame.
+    pub(crate) fn end_frame(&mut self) {
+        if let (Some(replaced), Some(own)) = (self.replaced.take(), &mut self.targets.pipeline) {
+            own.replace_half(1 - self.write_index, replaced);
+        }
     }
 
     /// Advances the state by one frame and sets the uniform, which must still be written to the GPU.
@@ -160,12 +176,15 @@ impl ReflectionTextures {
             exposure: frame.exposure,
             size: self.targets.sizes.full,
         };
-        let is_taken = core::mem::take(&mut self.is_taken);
+        let has_moved = |previous: &PreviousFrame| {
+            previous.clip_from_world != frame.clip_from_world || previous.world_position != frame.world_position
+        };
+        let is_elsewhere = !self.is_of_last_frame(frame) && self.previous.as_ref().is_some_and(has_moved);
         let state = FrameState {
             sample_index: self.sample_index,
             accumulated: self.accumulated,
             static_frames: if converged { 0 } else { static_frames },
-            is_cut: self.accumulated > 0 && (is_taken || !self.is_of_last_frame(frame)),
+            is_cut: self.accumulated > 0 && !frame.follows_own_motion && (self.replaced.is_some() || is_elsewhere),
             previous: self.previous.replace(now).unwrap_or(now),
         };
         self.drawn = frame.number;

@@ -7,7 +7,7 @@ use crate::{
 };
 use bevy::{
     color::{Alpha, ColorToComponents},
-    math::{DVec3, Mat4, UVec2, Vec3, Vec4},
+    math::{DVec3, Mat4, UVec2, Vec3, Vec4, Vec4Swizzles},
     pbr::{DistanceFog, FogFalloff},
     render::render_resource::{BindGroupId, ShaderType},
 };
@@ -130,7 +130,7 @@ pub const VIEW_REUSES_SCREEN: u32 = 256;
 /// ... of this frame instead of the last one.
 pub const VIEW_SCREEN_IS_NEW: u32 = 512;
 
-/// The history isn't of this camera's last frame, so that Bevy's motion vectors don't lead to it.
+/// The history is another camera's, or from a frame of this camera to which Bevy's motion vectors don't lead.
 pub const VIEW_CAMERA_CUT: u32 = 2048;
 
 /// Frame in [`Targets::screen`](crate::targets::Targets::screen) for the rays of a view.
@@ -179,6 +179,8 @@ pub(crate) struct Frame {
     /// Nothing of the frame is kept.
     pub culled: bool,
     pub screen: Screen,
+    /// Motion vectors lead to the view's own last frame, whenever that was.
+    pub follows_own_motion: bool,
 }
 
 impl Frame {
@@ -192,6 +194,7 @@ impl Frame {
             may_move: self.may_move || may_move,
             culled: false,
             screen: Screen::This,
+            follows_own_motion: true,
             ..self
         }
     }
@@ -203,7 +206,7 @@ pub(super) struct FrameState {
     pub accumulated: u32,
     pub static_frames: u32,
     pub previous: PreviousFrame,
-    /// `previous` isn't this camera's last frame.
+    /// Bevy's motion vectors don't lead to `previous`.
     pub is_cut: bool,
 }
 
@@ -217,7 +220,7 @@ impl FrameState {
     }
 }
 
-/// The camera of the last frame, in the coordinates of this one.
+/// The camera of the frame in the history, in the coordinates of this frame. It can be another camera.
 #[derive(Clone, Copy)]
 pub(super) struct PreviousFrame {
     /// Without jitter.
@@ -244,7 +247,8 @@ fn exposure_history(ratio: f32) -> f32 {
 const SHIFT_TOLERANCE: f32 = 1e-6;
 
 impl PreviousFrame {
-    /// Part of the space before a camera that this one showed. The samples lie on 16 rays, at 10 to 300 times the distance of the near plane.
+    /// Part of the space before a camera that this one showed. The samples lie on 16 rays, with a perspective at 10 to 300 times the distance
+    /// of the near plane.
     pub fn covers(&self, clip_from_world: Mat4) -> f32 {
         const PLACES: [f32; 4] = [-0.75, -0.25, 0.25, 0.75];
         const DEPTHS: [f32; 4] = [0.1, 0.03, 0.01, 0.003];
@@ -252,13 +256,22 @@ impl PreviousFrame {
         let was_seen = |x: f32, y: f32, depth: f32| {
             let point = world_from_clip.project_point3(Vec3::new(x, y, depth));
             let clip = self.clip_from_world * point.extend(1.0);
-            clip.w > 0.0 && clip.x.abs() <= clip.w && clip.y.abs() <= clip.w
+            clip.xy().abs().max_element() <= clip.w && (0.0..=clip.w).contains(&clip.z)
         };
         let samples = PLACES
             .into_iter()
             .flat_map(|x| PLACES.map(|y| DEPTHS.map(|depth| was_seen(x, y, depth))))
             .flatten();
         samples.filter(|&seen| seen).count() as f32 / 64.0
+    }
+
+    /// The camera after a shift of the world.
+    pub fn translated(self, by: Vec3) -> Self {
+        Self {
+            clip_from_world: self.clip_from_world * Mat4::from_translation(-by),
+            world_position: self.world_position + by,
+            ..self
+        }
     }
 
     /// Moves the camera with the world, unless it stayed where it was. `before` is [`Frame::world_origin`] of the last frame, which can be
@@ -269,8 +282,7 @@ impl PreviousFrame {
         if is_of_this_frame && !moves_along(frame.world_position - stayed, by) {
             return false;
         }
-        self.world_position += by;
-        self.clip_from_world *= Mat4::from_translation(-by);
+        *self = self.translated(by);
         let size = frame.world_position.abs().max_element().max(stayed.abs().max_element());
         let is_same_place = self.world_position.distance(frame.world_position) <= SHIFT_TOLERANCE * size;
         let same = |a: Mat4, b: Mat4| {
@@ -362,7 +374,7 @@ fn screen_flags(settings: &ClampedSettings, screen: Screen, state: &FrameState) 
         return 0;
     }
     match screen {
-        Screen::Last if state.accumulated > 0 => VIEW_REUSES_SCREEN,
+        Screen::Last if state.accumulated > 0 && !state.is_cut => VIEW_REUSES_SCREEN,
         Screen::This => VIEW_REUSES_SCREEN | VIEW_SCREEN_IS_NEW,
         Screen::Last => 0,
     }

@@ -171,13 +171,16 @@ fn a_cut_keeps_the_history_of_what_both_cameras_see(app: &mut HeadlessApp, trace
     app.world().get_mut::<RayTracedReflections>(cameras[1]).unwrap().reset = true;
     frame(app);
     let new = app.capture().unwrap();
+    activate(app, cameras[1], false);
+    let kept = first_frame(app, cameras[0]);
     let cut = difference(&cut, &at_second);
-    let [back, new] = [back, new].map(|image| difference(&image, &at_first));
-    println!("{tracer:?}: mean difference {cut:.3} after a cut, {back:.3} after a pause, {new:.3} without history");
-    assert!(new > 0.5, "{tracer:?}: {new}");
+    let [back, new, kept] = [back, new, kept].map(|image| difference(&image, &at_first));
+    println!(
+        "{tracer:?}: mean difference {cut:.3} after a cut, {back:.3} after a pause, {kept:.3} in the first camera, {new:.3} without history"
+    );
     assert!(
-        1.5 * cut < new && 1.5 * back < new,
-        "{tracer:?}: {cut}, {back} and {new}"
+        1.5 * cut < new && 1.5 * back < new && 4.0 * kept < new,
+        "{tracer:?}: {cut}, {back}, {kept} and {new}"
     );
 }
 
