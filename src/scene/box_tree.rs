@@ -156,10 +156,11 @@ impl BoxTable {
     }
 }
 
-/// Growth of the nodes' surfaces from which on boxes are sorted anew. With a higher value, boxes are sorted less often, and rays visit more of
-/// them.
+/// Factor by which the nodes' surfaces can grow before boxes are sorted anew. With a higher value, boxes are sorted less often, and rays visit
+/// more of them.
 const GROWTH: f32 = 1.1;
-/// Number of trees after which boxes are sorted anew in any case: boxes that gather, or that one box far away outweighs, can be in any order.
+/// Number of trees after which boxes are sorted anew in any case. Their surfaces show no bad order if the boxes gather, or if one of them is far
+/// away. A higher value sorts less often and keeps such an order longer.
 const MOST_KEPT: u32 = 32;
 
 /// Builds trees, and reuses its memory.

@@ -91,8 +91,8 @@ pub struct RayTracedReflections {
     /// more than 1,024 such objects count as one that fills the screen. Default: false, since deferred surfaces take less time.
     pub forward: bool,
     /// Discards all history in the next frame: set it when the camera jumps. It resets itself to false. Default: true, so that a new
-    /// component starts clean. With false, a camera that becomes active in the frame after another one, as in a cut, reads the history of
-    /// the other if that shows most of what it sees.
+    /// component starts clean. With false, a camera that replaces another one in a cut reads the other's history in its first frame, if
+    /// both see mostly the same surfaces.
     pub reset: bool,
 }
 

@@ -181,11 +181,11 @@ impl RefusedViews {
 /// reads histories that most pixels find nothing in.
 const COVERAGE: f32 = 0.5;
 
-/// Views that aren't drawn in this frame, with what they keep.
+/// Textures of views that aren't drawn in this frame.
 type LeftViews<'w, 's> = Query<'w, 's, &'static ReflectionTextures, Without<ReflectionView>>;
 
-/// After a cut between two cameras, lets a view read the history of the one that was drawn in the last frame, if that shows more of the same
-/// surfaces than its own. Returns whether it does.
+/// After a cut between two cameras, lets a view read the history of the camera that was drawn in the last frame, if that history shows more of
+/// the view than its own one. Returns whether it does.
 fn borrow_history(textures: &mut ReflectionTextures, view: &ReflectionView, frame: &Frame, left: &LeftViews) -> bool {
     let (sizes, needs) = (textures.targets.sizes, textures.targets.needs);
     if view.reset || needs.accumulation || frame.culled || textures.is_of_last_frame(frame) {

@@ -130,7 +130,7 @@ impl ReflectionTextures {
         let (Some(own), Some(theirs)) = (own, &other.targets.pipeline) else {
             return;
         };
-        // The frame reads what the last one wrote.
+        // A frame reads the textures that the last one wrote.
         let replaced = own.replace_half(self.write_index, theirs.half(other.write_index));
         self.replaced = Some(replaced);
         self.previous = other.previous_in(frame);

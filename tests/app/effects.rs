@@ -100,7 +100,7 @@ fn occlusion() -> (Msaa, ScreenSpaceAmbientOcclusion) {
     (Msaa::Off, ScreenSpaceAmbientOcclusion::default())
 }
 
-/// Fog before the camera dims what a lake reflects as it dims what is seen directly.
+/// Fog in front of the camera dims a lake's reflections as much as the objects behind the lake.
 #[test]
 fn volumetric_fog_covers_reflections_on_water() {
     let Some(mut app) = app() else { return };
