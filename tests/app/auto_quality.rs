@@ -92,6 +92,7 @@ fn the_machine_decides_the_quality() {
 }
 
 #[test]
+#[ignore = "long: compiles for each quality"]
 fn without_times_the_guess_stays() {
     let Some((mut app, camera)) = app(false) else { return };
     let hour = ReflectionAutoQuality {

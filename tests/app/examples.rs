@@ -335,6 +335,7 @@ fn moving_objects() {
 }
 
 #[test]
+#[ignore = "long: another app and its shaders"]
 fn character() {
     let Some(mut example) = Example::start("character", character::plugin) else {
         return;
@@ -486,6 +487,7 @@ fn glass_and_water() {
 }
 
 #[test]
+#[ignore = "long: another app and its shaders"]
 fn water_material() {
     let Some(mut example) = Example::start("water_material", water_material::plugin) else {
         return;
@@ -514,6 +516,7 @@ fn custom_material() {
 }
 
 #[test]
+#[ignore = "long: another app and its shaders"]
 fn wind() {
     let Some(mut example) = Example::start("wind", wind::plugin) else {
         return;
@@ -559,6 +562,7 @@ fn settings_panel() {
 
 #[cfg(feature = "egui")]
 #[test]
+#[ignore = "long: another app and its shaders"]
 fn quality_menu() {
     use bevy_glint::ReflectionQuality;
     use quality_menu::{GameSettings, SettingsFile};

@@ -67,13 +67,10 @@ fn exposure_leaves_what_is_not_exposed_alone() {
     };
     app.world().entity_mut(camera).insert(settings);
     warm_up(app);
-    // Eyes that adapt by 1 % in each frame, in both directions, and steps.
-    let step = 1.01_f32.log2();
+    // Eyes that adapt to light and darkness, and a step.
     for (name, by, frames) in [
         ("darker by 2 % per frame", 1.02_f32.log2(), 40),
-        ("darker by 1 % per frame", step, 40),
-        ("brighter by 1 % per frame", -step, 40),
-        ("a step to a quarter", 2.0, 1),
+        ("brighter by 1 % per frame", -1.01_f32.log2(), 40),
         ("a step to four times", -2.0, 1),
     ] {
         expose(app, camera, BRIGHT);

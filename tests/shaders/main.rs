@@ -6,6 +6,7 @@ mod common;
 mod compute;
 mod cost;
 mod gpu;
+mod linked;
 mod wesl;
 
 mod denoise;

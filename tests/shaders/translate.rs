@@ -3,7 +3,7 @@
 //! `tools/translate` does the work, because Bevy is built here without naga's back end for Metal. `cargo xtask test` builds it, and
 //! passes its path in the environment.
 
-use crate::{cost::variants, modules::COMBINATIONS, wesl::Shaders};
+use crate::{cost::variants, linked::hash, modules::COMBINATIONS, wesl::Shaders};
 use bevy::shader::ShaderDefVal;
 use std::{
     collections::BTreeMap,
@@ -53,15 +53,66 @@ fn sources() -> BTreeMap<String, String> {
     names.into_iter().map(|(source, name)| (name, source)).collect()
 }
 
-/// Writes the sources into an empty folder.
-fn write(sources: &BTreeMap<String, String>) -> PathBuf {
-    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("translations");
-    _ = fs::remove_dir_all(&folder);
-    fs::create_dir_all(&folder).unwrap();
-    for (name, source) in sources {
-        fs::write(folder.join(format!("{name}.wgsl")), source).unwrap();
+/// The translations of earlier runs, in a folder of the translator with which they were made.
+struct Translations {
+    folder: PathBuf,
+    /// Those of this run, until they are checked.
+    new: PathBuf,
+}
+
+impl Translations {
+    fn open(translator: &Path) -> Self {
+        let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("translations");
+        let new = folder.with_extension("new");
+        let made_by = hash(fs::read(translator).unwrap());
+        let version = folder.join("translator");
+        if fs::read_to_string(&version).ok().as_ref() != Some(&made_by) {
+            _ = fs::remove_dir_all(&folder);
+            fs::create_dir_all(&folder).unwrap();
+            fs::write(version, made_by).unwrap();
+        }
+        _ = fs::remove_dir_all(&new);
+        fs::create_dir_all(&new).unwrap();
+        Self { folder, new }
     }
-    folder
+
+    /// Writes the sources that were not translated before.
+    fn write(&self, sources: &BTreeMap<String, String>) {
+        for (name, source) in sources {
+            let file = format!("{name}.wgsl");
+            if fs::read_to_string(self.folder.join(&file)).ok().as_ref() != Some(source) {
+                fs::write(self.new.join(file), source).unwrap();
+            }
+        }
+    }
+
+    /// Keeps the translations of this run, and those of earlier runs of the other sources.
+    fn keep(&self, sources: &BTreeMap<String, String>) {
+        for path in files(&self.folder) {
+            let name = path.file_name().unwrap().to_str().unwrap();
+            let is_current = name
+                .split_once('.')
+                .is_none_or(|(name, _)| sources.contains_key(name) && !self.new.join(format!("{name}.wgsl")).exists());
+            if !is_current {
+                fs::remove_file(path).unwrap();
+            }
+        }
+        // A translation without its source is made anew.
+        let mut new: Vec<_> = files(&self.new).collect();
+        new.sort_by_key(|path| path.extension().is_some_and(|end| end == "wgsl"));
+        for path in new {
+            fs::rename(&path, self.folder.join(path.file_name().unwrap())).unwrap();
+        }
+    }
+}
+
+fn files(folder: &Path) -> impl Iterator<Item = PathBuf> {
+    fs::read_dir(folder).unwrap().flatten().map(|file| file.path())
+}
+
+fn files_of(folder: &Path, language: &str) -> usize {
+    let is_of = |path: &PathBuf| path.extension().is_some_and(|end| end == language);
+    files(folder).filter(is_of).count()
 }
 
 fn text(output: &Output) -> String {
@@ -77,22 +128,20 @@ fn every_variant_is_translated() {
     };
     let sources = sources();
     assert!(sources.len() > 100, "only {} variants", sources.len());
-    let folder = write(&sources);
-    let output = Command::new(translator).arg(&folder).output().unwrap();
+    let translations = Translations::open(Path::new(&translator));
+    translations.write(&sources);
+    let translated = files_of(&translations.new, "wgsl");
+    let output = Command::new(translator).arg(&translations.new).output().unwrap();
     assert!(output.status.success(), "{}", text(&output));
-    let count = |end: &str| {
-        let files = fs::read_dir(&folder).unwrap().flatten().map(|file| file.path());
-        files
-            .filter(|path| path.extension().is_some_and(|found| found == end))
-            .count()
-    };
-    let counts = ["wgsl", "spv", "hlsl", "metal"].map(count);
-    println!(
-        "{} variants: SPIR-V {}, HLSL {}, MSL {}",
-        counts[0], counts[1], counts[2], counts[3]
+    check_spirv(&translations.new);
+    translations.keep(&sources);
+    let [wgsl, spirv, hlsl, msl] = ["wgsl", "spv", "hlsl", "metal"].map(|end| files_of(&translations.folder, end));
+    println!("{wgsl} variants, {translated} of them translated anew: SPIR-V {spirv}, HLSL {hlsl}, MSL {msl}");
+    assert_eq!(wgsl, sources.len());
+    assert!(
+        [spirv, hlsl, msl].iter().all(|&count| count >= wgsl),
+        "a translation is missing"
     );
-    assert!(counts.iter().all(|count| *count >= sources.len()), "{counts:?}");
-    check_spirv(&folder);
 }
 
 /// Has Khronos' validator read the SPIR-V.
@@ -101,7 +150,7 @@ fn check_spirv(folder: &Path) {
         return skip("spirv-val is missing: Debian has it in the package spirv-tools");
     }
     let mut failures = Vec::new();
-    for file in fs::read_dir(folder).unwrap().flatten().map(|file| file.path()) {
+    for file in files(folder) {
         if file.extension().is_some_and(|end| end == "spv") {
             let output = Command::new("spirv-val")
                 .args(["--target-env", "vulkan1.2"])

@@ -6,6 +6,7 @@ use std::{
     sync::Arc,
 };
 
+use crate::linked::{Linked, hash};
 use bevy::{
     asset::{AssetId, uuid::Uuid},
     shader::{Shader, ShaderCache, ShaderCacheSource, ShaderDefVal},
@@ -45,6 +46,8 @@ pub struct Shaders {
     mentions: BTreeMap<String, Mentions>,
     /// By source.
     validated: BTreeMap<String, Result<Arc<naga::Module>, String>>,
+    /// The versions of Bevy's modules and of the linker.
+    versions: String,
 }
 
 /// Names in a module.
@@ -54,6 +57,8 @@ struct Mentions {
     words: BTreeSet<String>,
     /// Paths of modules or of their items, in use or not.
     paths: BTreeSet<Vec<String>>,
+    /// Of the source.
+    hash: String,
 }
 
 impl Mentions {
@@ -66,6 +71,7 @@ impl Mentions {
         Self {
             words: words(source).map(str::to_owned).collect(),
             paths: paths.collect(),
+            hash: hash(source),
         }
     }
 }
@@ -88,6 +94,7 @@ impl Shaders {
             ids: BTreeMap::new(),
             mentions: BTreeMap::new(),
             validated: BTreeMap::new(),
+            versions: hash(fs::read(root.join("Cargo.lock")).expect("the tests need Cargo.lock")),
         };
         shaders.add_folder("bevy_glint", &root.join("src"));
         shaders.add("bevy_glint/trace/app_surface.wesl", APP_SURFACE.to_owned());
@@ -138,11 +145,21 @@ impl Shaders {
     /// The WGSL of a module with all that it imports.
     pub fn flatten(&mut self, name: &str, defs: &[ShaderDefVal]) -> Result<String, String> {
         // Linking costs more than anything else here, and the cache knows sources by their definitions.
-        let known = self.words(name);
+        let modules = self.modules(name);
+        let known: BTreeSet<_> = modules
+            .values()
+            .flat_map(|module| &module.words)
+            .map(String::as_str)
+            .collect();
         let is_known = |def: &&ShaderDefVal| !matches!(def, ShaderDefVal::Bool(name, _) if !known.contains(&**name));
         let mut defs: Vec<_> = defs.iter().filter(is_known).cloned().collect();
         defs.sort_by_cached_key(|def| format!("{def:?}"));
-        self.link(name, defs)
+        let hashes: Vec<_> = modules.iter().map(|(name, module)| (name, &module.hash)).collect();
+        let linked = Linked::new((name, format!("{defs:?}")), (hashes, &self.versions));
+        if let Some(wgsl) = linked.read() {
+            return Ok(wgsl);
+        }
+        self.link(name, defs).inspect(|wgsl| linked.write(wgsl))
     }
 
     fn link(&mut self, name: &str, mut defs: Vec<ShaderDefVal>) -> Result<String, String> {
@@ -157,19 +174,20 @@ impl Shaders {
             .map_err(|error| format!("{name}: {error}"))
     }
 
-    /// Words of a module and of all modules that it names. No other definitions affect it.
-    fn words(&self, name: &str) -> BTreeSet<&str> {
-        let mut found = BTreeSet::new();
-        let mut seen = BTreeSet::from([name.to_owned()]);
+    /// A module and all modules that it names. No other sources and definitions affect it.
+    fn modules(&self, name: &str) -> BTreeMap<String, &Mentions> {
+        let mut found = BTreeMap::new();
         let mut open = vec![name.to_owned()];
-        while let Some(mentions) = open.pop().and_then(|name| self.mentions.get(&name)) {
-            found.extend(mentions.words.iter().map(String::as_str));
-            let modules = mentions.paths.iter().flat_map(|path| {
-                let lengths = 2..=path.len();
-                lengths.map(|length| format!("{}.wesl", path[..length].join("/")))
-            });
-            let modules = modules.filter(|module| self.mentions.contains_key(module));
-            open.extend(modules.filter(|module| seen.insert(module.clone())));
+        while let Some(name) = open.pop() {
+            let Some(mentions) = self.mentions.get(&name) else {
+                continue;
+            };
+            if found.insert(name, mentions).is_none() {
+                open.extend(mentions.paths.iter().flat_map(|path| {
+                    let lengths = 2..=path.len();
+                    lengths.map(|length| format!("{}.wesl", path[..length].join("/")))
+                }));
+            }
         }
         found
     }

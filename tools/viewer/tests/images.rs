@@ -82,6 +82,7 @@ fn demo() {
 }
 
 #[test]
+#[ignore = "long: a large scene"]
 fn atrium() {
     compare("atrium", &["--scene", "atrium", "--detail", "0.25"], 0.5);
 }
