@@ -85,6 +85,7 @@ mod passes;
 mod pipelines;
 mod plugin;
 pub mod prelude;
+mod prepasses;
 mod probe;
 mod rate;
 #[cfg(feature = "internals")]

@@ -18,6 +18,7 @@ use crate::{
     guides::GuidesPlugin,
     node::NodePlugin,
     pass_table::PassTablePlugin,
+    prepasses::PrepassesPlugin,
     probe::ProbePlugin,
     rate::RatePlugin,
     ready::ReadyPlugin,
@@ -92,9 +93,12 @@ impl Plugin for RayTracedReflectionsPlugin {
                 fallback: self.fallback,
             });
         }
-        app.add_plugins(FallbackPlugin {
-            fallback: self.fallback,
-        });
+        app.add_plugins((
+            PrepassesPlugin,
+            FallbackPlugin {
+                fallback: self.fallback,
+            },
+        ));
         app.add_plugins((
             CommonPlugin,
             VrsPlugin,

@@ -7,11 +7,13 @@ use super::{
 use crate::{
     deferred::is_deferred,
     device::RealTime,
+    prepasses::WaitingView,
     ready::Readiness,
     settings::{
-        ClampedSettings, LightingHook, RateSettings, RayTracedReflections, ReflectionBackend, ReflectionDebugCounters,
-        ReflectionDebugSplit, ReflectionDebugView, ReflectionEffort, ReflectionGuides, ReflectionRetention,
-        ReflectionTechnique, ReflectionView, ShadingRateHeuristic, ShadingRateTileSize, ViewDebug, WantsReflections,
+        ClampedSettings, LightingHook, PrepassRequest, RateSettings, RayTracedReflections, ReflectionBackend,
+        ReflectionDebugCounters, ReflectionDebugSplit, ReflectionDebugView, ReflectionEffort, ReflectionGuides,
+        ReflectionRetention, ReflectionTechnique, ReflectionView, ShadingRateHeuristic, ShadingRateTileSize, ViewDebug,
+        WantsReflections,
     },
     status::ReflectionStatus,
     targets::LARGEST_TRACE_SIZE,
@@ -51,6 +53,7 @@ pub(super) struct CameraQuery {
     deferred: Has<DeferredPrepass>,
     normal: Has<NormalPrepass>,
     motion: Has<MotionVectorPrepass>,
+    request: Option<&'static mut PrepassRequest>,
     screen_space: Has<ScreenSpaceReflections>,
     msaa: Option<&'static Msaa>,
     debug_view: Option<&'static ReflectionDebugView>,
@@ -68,12 +71,21 @@ impl CameraQueryItem<'_, '_> {
         has_prepasses && self.hdr && !self.screen_space && self.msaa.is_none_or(|msaa| *msaa == Msaa::Off)
     }
 
+    /// Returns whether it gets prepasses later, once Bevy has compiled what it shows.
+    fn awaits_prepasses(&self) -> bool {
+        self.request.is_some() && !(self.hdr && self.depth && self.deferred && self.normal && self.motion)
+    }
+
     /// All problems, each with whether the camera has it.
     fn problems(&self, forward: bool, reflections: &RayTracedReflections, limits: &mut Limits) -> [(Problem, bool); 8] {
+        let waits = self.awaits_prepasses();
         [
             (Problem::ScreenSpace, self.screen_space),
-            (Problem::Prepass, !(self.depth && self.deferred && self.normal)),
-            (Problem::LowRange, !self.hdr),
+            (
+                Problem::Prepass,
+                !waits && !(self.depth && self.deferred && self.normal),
+            ),
+            (Problem::LowRange, !waits && !self.hdr),
             (Problem::Multisampling, self.msaa.is_some_and(|msaa| *msaa != Msaa::Off)),
             (
                 Problem::TooLarge,
@@ -144,6 +156,7 @@ pub(super) struct ExistingView {
     wants: Has<WantsReflections>,
     has_textures: Has<ReflectionTextures>,
     has_hook: Has<LightingHook>,
+    waiting: Option<&'static WaitingView>,
 }
 
 type IsOurs = Or<(
@@ -151,6 +164,7 @@ type IsOurs = Or<(
     With<WantsReflections>,
     With<ReflectionTextures>,
     With<LightingHook>,
+    With<WaitingView>,
 )>;
 
 /// State that extraction keeps from frame to frame.
@@ -174,6 +188,8 @@ struct Findings {
     screen_space: EntityHashSet,
     /// Views of inactive cameras.
     idle: EntityHashSet,
+    /// Views whose cameras wait for their prepasses.
+    incomplete: EntityHashSet,
     /// Cameras of the main world with the component.
     present: EntityHashSet,
     waiting: usize,
@@ -200,7 +216,8 @@ impl Request {
         if camera.tile_size.is_some() || settings.backend == ReflectionBackend::HardwareVrs {
             rate.tile_size = tile_size;
         }
-        settings.separate_denoiser = camera.debug().views().any(|view| view.shows_reconstruction()) || !camera.motion;
+        let has_motion = camera.motion || camera.awaits_prepasses();
+        settings.separate_denoiser = camera.debug().views().any(|view| view.shows_reconstruction()) || !has_motion;
         if let Some(effort) = camera.effort {
             effort.apply(&mut settings, &mut rate);
         }
@@ -231,6 +248,37 @@ impl Extraction<'_, '_> {
         self.commands.entity(view).insert(hook);
     }
 
+    /// Requests what the passes of a view need.
+    fn request(&mut self, view: Entity, request: Request, is_ready: bool) -> EntityCommands<'_> {
+        self.found.waiting += usize::from(!is_ready);
+        let Request { settings, rate } = request;
+        let mut view = self.commands.entity(view);
+        view.insert(WantsReflections { settings, rate });
+        view
+    }
+
+    /// Has Bevy compile the pipelines of a view before its camera gets its prepasses.
+    fn await_prepasses(&mut self, camera: &mut CameraQueryItem, existing: Option<&WaitingView>) {
+        if !camera.awaits_prepasses() {
+            return;
+        }
+        self.found.incomplete.insert(camera.render_entity);
+        match existing {
+            Some(waiting) => {
+                if let Some(request) = &mut camera.request {
+                    request.is_warm = waiting.is_warm;
+                }
+            }
+            None => {
+                let waiting = WaitingView {
+                    gets_hdr: !camera.hdr,
+                    is_warm: false,
+                };
+                self.commands.entity(camera.render_entity).insert(waiting);
+            }
+        }
+    }
+
     /// Applies the settings of a camera to its view. Returns whether the view traces in this frame: a new view keeps Bevy's environment
     /// map until its pipelines are compiled, and an active one its old settings.
     fn update_view(
@@ -256,13 +304,10 @@ impl Extraction<'_, '_> {
         let culled = culling.is_some_and(|mut culling| culling.begin_frame(invalid));
 
         self.found.culled_views += usize::from(culled);
-        self.found.waiting += usize::from(!ready);
         let backends = shown.as_ref().map(|settings| (camera.entity, settings.backend));
         self.found.active_backends.extend(backends);
         self.hook(camera.render_entity, shown.as_ref().filter(|_| !culled));
-        let Request { settings, rate } = request.clone();
-        let mut view = self.commands.entity(camera.render_entity);
-        view.insert(WantsReflections { settings, rate });
+        let mut view = self.request(camera.render_entity, request.clone(), ready);
         if ready {
             let Request { settings, rate } = request;
             view.insert(ReflectionView {
@@ -292,6 +337,9 @@ impl Extraction<'_, '_> {
         let is_short = refused.take_shortage();
         for view in existing {
             let mut commands = self.commands.entity(view.entity);
+            if view.waiting.is_some() && !found.incomplete.contains(&view.entity) {
+                commands.remove::<WaitingView>();
+            }
             if view.has_hook && !found.hooked.contains(&view.entity) {
                 if found.screen_space.contains(&view.entity) {
                     commands.remove::<LightingHook>();
@@ -364,6 +412,8 @@ pub(super) fn extract_cameras(
             }
             continue;
         }
+        let view = existing.get(camera.render_entity).ok();
+        extraction.await_prepasses(&mut camera, view.and_then(|view| view.waiting));
         if camera.can_have_hook() {
             extraction.hook(camera.render_entity, None);
         }
@@ -380,6 +430,10 @@ pub(super) fn extract_cameras(
         extraction.found.wanting.insert(camera.render_entity);
         let (request, reason) = Request::new(&camera, &reflections, &vrs);
         fallbacks.note(&camera.label, reason);
+        if camera.awaits_prepasses() {
+            extraction.request(camera.render_entity, request, false);
+            continue;
+        }
         let view = existing.get_mut(camera.render_entity).ok();
         let reset = reflections.reset;
         if extraction.update_view(&camera, request, reset, view) && reset {

@@ -8,6 +8,7 @@
 //! | `front_layer.rs` | an app's shader for glass and water |
 //! | `particles.rs` | particles and billboards |
 //! | `pose.rs` | skinned and morphed meshes |
+//! | `prepasses.rs` | the request for what reflections need on a camera |
 //! | `retention.rs` | how long reflections outlive their cameras |
 //! | `arrival.rs` | how fast meshes appear |
 //! | `presets.rs` | bundles of settings |
@@ -34,6 +35,7 @@ mod guides;
 mod heuristic;
 mod particles;
 mod pose;
+mod prepasses;
 mod presets;
 mod quality;
 mod reflected_layers;
@@ -83,6 +85,7 @@ pub(crate) use clamped::ClampedSettings;
 pub(crate) use clamped::can_reuse_screen;
 pub(crate) use clamped_rate::{RateSettings, RateThresholds, RateVariant};
 pub(crate) use debug::ViewDebug;
+pub(crate) use prepasses::PrepassRequest;
 pub(crate) use quality::apply_qualities;
 #[cfg(feature = "egui")]
 pub(crate) use reflections::PAPER_LEVEL;

@@ -1,11 +1,9 @@
 //! The quality of a camera's reflections in one word, for a player's settings.
 
-use super::{RayTracedReflections, ReflectionPreset, ShadingRateHeuristic, words::words};
+use super::{PrepassRequest, RayTracedReflections, ReflectionPreset, ShadingRateHeuristic, words::words};
 #[cfg(feature = "serde")]
 use bevy::reflect::{ReflectDeserialize, ReflectSerialize};
 use bevy::{
-    camera::Hdr,
-    core_pipeline::prepass::{DeferredPrepass, DepthPrepass, MotionVectorPrepass, NormalPrepass},
     ecs::prelude::*,
     reflect::{Reflect, std_traits::ReflectDefault},
     render::view::Msaa,
@@ -31,8 +29,8 @@ use bevy::{
 /// [`Display`](core::fmt::Display) and [`FromStr`](core::str::FromStr) convert it to a word for a settings file and back. With the crate
 /// feature `serde` it is (de)serialized as the same word. Better qualities compare greater.
 ///
-/// HDR and the prepasses of [`RayTracedReflections`] are added with every quality, including [`Off`](Self::Off). Nothing disappears when
-/// reflections are switched on: if a prepass is added to a camera, Bevy recompiles the pipelines of everything in its view.
+/// HDR and the prepasses of [`RayTracedReflections`] are added with every quality, including [`Off`](Self::Off), so that Bevy compiles
+/// nothing anew when reflections are switched on.
 ///
 /// [`ReflectionAutoQuality`](crate::ReflectionAutoQuality) chooses one for the machine.
 #[derive(Component, Reflect, Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -43,14 +41,7 @@ use bevy::{
     serde(rename_all = "lowercase"),
     reflect(Serialize, Deserialize)
 )]
-#[require(
-    Hdr,
-    DepthPrepass,
-    DeferredPrepass,
-    NormalPrepass,
-    MotionVectorPrepass,
-    Msaa = Msaa::Off
-)]
+#[require(PrepassRequest, Msaa = Msaa::Off)]
 pub enum ReflectionQuality {
     /// No rays: reflections come from the environment map alone, and the prepasses are the crate's only cost.
     ///

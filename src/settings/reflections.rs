@@ -1,9 +1,7 @@
 //! Settings of a reflecting camera, and the choice of the tracer.
 
-use super::{ReflectionDenoiser, words::words};
+use super::{PrepassRequest, ReflectionDenoiser, words::words};
 use bevy::{
-    camera::Hdr,
-    core_pipeline::prepass::{DeferredPrepass, DepthPrepass, MotionVectorPrepass, NormalPrepass},
     ecs::prelude::*,
     reflect::{Reflect, std_traits::ReflectDefault},
     render::view::Msaa,
@@ -11,10 +9,11 @@ use bevy::{
 
 /// Adds ray-traced reflections to a 3D camera.
 ///
-/// Insert it on a `Camera3d` to switch reflections on; remove it to switch them off and to free their memory. It requires HDR, the depth,
-/// deferred, normal and motion vector prepasses, and MSAA off, and adds these to the camera. They are Bevy's components and stay on the
-/// camera, since other code might use them, too. Don't remove the component by `remove_with_requires`: that also removes
-/// `SyncToRenderWorld`, without which Bevy no longer draws the camera.
+/// Insert it on a `Camera3d` to switch reflections on; remove it to switch them off and to free their memory. It requires MSAA off.
+/// The plugin gives the camera HDR, and the depth, deferred, normal and motion vector prepasses: at once if the camera is new, else once
+/// Bevy has compiled the pipelines of everything that it shows with them. They are Bevy's components and stay on the camera, since other
+/// code might use them, too. Don't remove the component by `remove_with_requires`: that also removes `SyncToRenderWorld`, without which Bevy
+/// no longer draws the camera.
 ///
 /// Reflections on opaque surfaces are cheapest if these are rendered *deferred*. The plugin selects this for opaque materials
 /// ([`deferred_by_default`](crate::RayTracedReflectionsPlugin::deferred_by_default)), except if a material's
@@ -26,14 +25,7 @@ use bevy::{
 /// the skybox, or else the clear colour.
 #[derive(Component, Reflect, Clone, Debug, PartialEq)]
 #[reflect(Component, Default, Debug, Clone, PartialEq)]
-#[require(
-    Hdr,
-    DepthPrepass,
-    DeferredPrepass,
-    NormalPrepass,
-    MotionVectorPrepass,
-    Msaa = Msaa::Off
-)]
+#[require(PrepassRequest, Msaa = Msaa::Off)]
 pub struct RayTracedReflections {
     /// Number of rays and how they are combined. Default: [`ReflectionTechnique::Variable`].
     pub technique: ReflectionTechnique,

@@ -23,6 +23,7 @@
 //! |---|---|
 //! | `panel.rs` | the plugin, its window and the two halves |
 //! | `camera.rs` | the settings of a camera as plain data |
+//! | `gamepad.rs` | keys from a gamepad |
 //! | `settings_ui.rs`, `rates_ui.rs`, `budget_ui.rs` | a row for each setting |
 //! | `widgets.rs` | parts of rows |
 //! | `tooltips.rs` | tooltips from the documentation of settings |
@@ -31,6 +32,7 @@
 
 mod budget_ui;
 mod camera;
+mod gamepad;
 mod panel;
 mod quality;
 mod rates_ui;

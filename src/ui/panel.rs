@@ -2,6 +2,7 @@
 
 use super::{
     camera::CameraSettings,
+    gamepad::press_keys,
     settings_ui::camera_settings_ui,
     timings::{Measurements, entry, measurements_ui, mebibytes},
 };
@@ -11,14 +12,14 @@ use crate::{
     status::{ReflectionStatus, ReflectionStatusReport, ReflectionViewMemory},
 };
 use bevy::{
-    app::{App, Plugin, Update},
+    app::{App, Plugin, PreUpdate, Update},
     asset::Assets,
     camera::Camera3d,
     diagnostic::DiagnosticsStore,
     ecs::prelude::*,
     image::Image,
     input::{
-        ButtonInput,
+        ButtonInput, InputSystems,
         keyboard::{KeyCode, KeyboardInput},
     },
     log::debug,
@@ -26,7 +27,7 @@ use bevy::{
     shader::Shader,
 };
 use bevy_egui::{
-    EguiContext, EguiPlugin, EguiPrimaryContextPass, PrimaryEguiContext,
+    EguiContext, EguiInputSet, EguiPlugin, EguiPrimaryContextPass, PrimaryEguiContext,
     egui::{Align, ComboBox, Layout, ScrollArea, Ui, Window, vec2},
 };
 
@@ -41,6 +42,9 @@ const WINDOW_HEIGHT: f32 = 640.0;
 /// Add it after `DefaultPlugins`, and after [`EguiPlugin`] if the app adds that itself; otherwise this plugin adds it, which works
 /// together with other users of egui. In an app without a renderer it does nothing. For times and rays, add Bevy's
 /// `RenderDiagnosticsPlugin`, too.
+///
+/// Besides the pointer, Tab and the arrow keys choose a widget, the left and the right arrow move a slider, Enter presses a button, and Escape
+/// closes a list. On a gamepad these are the directional pad, the lower and the right face button.
 #[derive(Clone, Copy, Debug)]
 pub struct ReflectionSettingsPanelPlugin {
     /// `true` if the window is open from the start. Default: false.
@@ -88,7 +92,11 @@ impl Plugin for ReflectionSettingsPanelPlugin {
             }
             app.add_plugins(EguiPlugin::default());
         }
-        app.add_systems(EguiPrimaryContextPass, show_panel);
+        app.add_systems(
+            PreUpdate,
+            press_keys.after(InputSystems).in_set(EguiInputSet::ReadBevyMessages),
+        )
+        .add_systems(EguiPrimaryContextPass, show_panel);
     }
 }
 

@@ -1,6 +1,6 @@
 //! Components of the crate in Bevy's scene notation.
 
-use bevy::{prelude::*, scene::ScenePlugin};
+use bevy::{camera::Hdr, core_pipeline::prepass::NormalPrepass, prelude::*, scene::ScenePlugin};
 use bevy_glint::{GrazingThresholds, prelude::*};
 
 #[test]
@@ -28,11 +28,11 @@ fn a_scene_describes_a_camera_that_reflects() {
             ReflectedPose::Rigid
         ]
     };
-    let camera = match app.world_mut().spawn_scene(scene) {
+    let id = match app.world_mut().spawn_scene(scene) {
         Ok(camera) => camera.id(),
         Err(error) => panic!("{error}"),
     };
-    let camera = app.world().entity(camera);
+    let camera = app.world().entity(id);
     let expected = RayTracedReflections {
         roughness_cutoff: 0.6,
         transparent: false,
@@ -40,7 +40,6 @@ fn a_scene_describes_a_camera_that_reflects() {
     };
     assert_eq!(camera.get(), Some(&expected), "other fields keep their defaults");
     assert_eq!(camera.get(), Some(&ReflectionQuality::High));
-    assert!(camera.contains::<bevy::camera::Hdr>(), "required components come along");
     assert_eq!(camera.get(), Some(&ShadingRateHeuristic::Grazing(thresholds)));
     let children: Vec<_> = camera.get::<Children>().into_iter().flatten().copied().collect();
     let [hidden, rigid] = children[..] else {
@@ -54,4 +53,7 @@ fn a_scene_describes_a_camera_that_reflects() {
         Some("chair.glb#Mesh0/Primitive0")
     );
     assert_eq!(app.world().entity(rigid).get(), Some(&ReflectedPose::Rigid));
+    app.update();
+    let camera = app.world().entity(id);
+    assert!(camera.contains::<Hdr>() && camera.contains::<NormalPrepass>());
 }

@@ -3,13 +3,15 @@
 use crate::{
     common::app,
     pictures::{PATIENCE, apps, warm_up},
-    stage::{BEFORE_THE_MIRROR, SIZE, clear, metal, report, spawn_camera, spawn_mesh, wall},
+    stage::{BEFORE_THE_MIRROR, BLUE, GREEN, RED, SIZE, clear, metal, report, spawn_camera, spawn_mesh, unlit, wall},
 };
 use bevy::{
     asset::RenderAssetUsages,
+    camera::Hdr,
     core_pipeline::tonemapping::Tonemapping,
     image::Image,
     light::{FogVolume, RectLight, VolumetricFog},
+    material::OpaqueRendererMethod,
     pbr::Lightmap,
     prelude::*,
     render::render_resource::{
@@ -230,8 +232,8 @@ fn spawn_metal_before_a_lightmap(app: &mut HeadlessApp) {
     ));
 }
 
-#[test]
-fn a_new_feature_takes_no_other_one_away_while_its_shader_is_compiled() {
+/// An app that compiles pipelines in the background.
+fn shipped_app() -> Option<HeadlessApp> {
     let settings = HeadlessSettings {
         size: SIZE,
         synchronous_pipelines: false,
@@ -245,8 +247,14 @@ fn a_new_feature_takes_no_other_one_away_while_its_shader_is_compiled() {
     app.step(2);
     if report(&mut app).tracer.is_none() {
         println!("skipped: {}", report(&mut app));
-        return;
+        return None;
     }
+    Some(app)
+}
+
+#[test]
+fn a_new_feature_takes_no_other_one_away_while_its_shader_is_compiled() {
+    let Some(mut app) = shipped_app() else { return };
     spawn_metal_before_a_lightmap(&mut app);
     warm_up(&mut app);
     app.step(30);
@@ -292,4 +300,72 @@ fn a_new_feature_takes_no_other_one_away_while_its_shader_is_compiled() {
         assert!(worst.iter().all(|part| *part > 0.9), "{name}: {worst:?} of {before:?}");
     }
     assert!(report(&mut app).ready);
+}
+
+/// Columns of the image: a deferred wall, a cube that is drawn forward, and a blended pane.
+const COLUMNS: [usize; 3] = [48, 20, 68];
+
+/// Spawns what the columns show, without anything that reflects.
+fn spawn_columns(app: &mut HeadlessApp) {
+    let at = Transform::from_xyz;
+    spawn_mesh(app, wall(), unlit(BLUE), at(0.0, 0.0, -1.0));
+    let forward = StandardMaterial {
+        opaque_render_method: OpaqueRendererMethod::Forward,
+        ..unlit(GREEN)
+    };
+    spawn_mesh(app, Cuboid::from_length(1.0), forward, at(-0.9, 0.0, 0.0));
+    let pane = StandardMaterial {
+        base_color: Color::linear_rgba(1.0, 0.0, 0.0, 0.5),
+        alpha_mode: AlphaMode::Blend,
+        ..unlit(RED)
+    };
+    spawn_mesh(app, Rectangle::new(1.0, 1.0), pane, at(0.9, 0.0, 0.0));
+}
+
+/// Colours of the columns in half height.
+fn columns(app: &HeadlessApp) -> [[u8; 3]; 3] {
+    let image = app.capture().unwrap();
+    let row = (SIZE.x * SIZE.y / 2) as usize;
+    COLUMNS.map(|column| image[4 * (row + column)..][..3].try_into().unwrap())
+}
+
+/// Inserted, removed, and inserted again: with asynchronous compilation, each frame shows everything.
+#[test]
+fn reflections_that_begin_in_a_running_game_take_nothing_away() {
+    let Some(mut app) = shipped_app() else { return };
+    let app = &mut app;
+    for is_hdr in [false, true] {
+        spawn_columns(app);
+        let camera = app.spawn_camera((BEFORE_THE_MIRROR, Tonemapping::None));
+        if !is_hdr {
+            app.world().entity_mut(camera).remove::<Hdr>();
+        }
+        while_compiling(app, |_| ());
+        let before = columns(app);
+        println!("HDR: {is_hdr}: {before:?}");
+        assert!(
+            before[0][2] > 200 && before[1][1] > 200 && before[2][0] > 100,
+            "{before:?}"
+        );
+        for reflects in [true, false, true] {
+            let mut camera = app.world().entity_mut(camera);
+            if reflects {
+                camera.insert(RayTracedReflections::default());
+            } else {
+                camera.remove::<RayTracedReflections>();
+            }
+            let (mut frames, mut without) = (0, 0);
+            while_compiling(app, |app| {
+                let now = columns(app);
+                let apart = now.as_flattened().iter().zip(before.as_flattened());
+                let apart = apart.map(|(now, before)| now.abs_diff(*before)).max().unwrap();
+                frames += 1;
+                without += u32::from(apart > 3);
+            });
+            println!("HDR: {is_hdr}, reflects: {reflects}: {without} of {frames} frames lack something");
+            assert_eq!(without, 0, "HDR: {is_hdr}, reflects: {reflects}: of {frames} frames");
+            assert_eq!(report(app).ready, reflects, "HDR: {is_hdr}");
+        }
+        clear(app);
+    }
 }

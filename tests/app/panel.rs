@@ -3,6 +3,7 @@
 use bevy::{
     input::{
         ButtonState,
+        gamepad::{RawGamepadButtonChangedEvent, RawGamepadEvent},
         keyboard::{Key, KeyboardInput, NativeKey},
         mouse::MouseButtonInput,
     },
@@ -470,6 +471,24 @@ impl Game {
         Some(Vec2::new((place.x0 + place.x1) as f32, (place.y0 + place.y1) as f32) / 2.0)
     }
 
+    /// The text of the widget with the focus.
+    fn focus(&self) -> Option<String> {
+        let output = self.app.world().get::<EguiOutput>(self.camera)?;
+        let update = output.platform_output.accesskit_update.as_ref()?;
+        let (_, node) = update.nodes.iter().find(|(id, _)| *id == update.focus)?;
+        node.label().map(str::to_owned)
+    }
+
+    /// Presses and releases a button of a gamepad.
+    fn push(&mut self, gamepad: Entity, button: GamepadButton) {
+        for value in [1.0, 0.0] {
+            let changed = RawGamepadButtonChangedEvent::new(gamepad, button, value);
+            self.app.world_mut().write_message(RawGamepadEvent::from(changed));
+            self.app.update();
+        }
+        self.rest();
+    }
+
     fn point(&mut self, position: Vec2) {
         let (window, delta) = (self.window, None);
         let moved = CursorMoved {
@@ -521,6 +540,29 @@ fn an_app_without_a_gpu_lays_the_panel_out() {
         assert!(drawn.is_some_and(|output| !output.paint_jobs.is_empty()));
         assert_eq!(world.resource::<ReflectionSettingsPanel>().camera, Some(game.camera));
     }
+}
+
+#[test]
+fn a_gamepad_chooses_and_presses() {
+    let mut game = Game::new(false);
+    let gamepad = game.app.world_mut().spawn(Gamepad::default()).id();
+    let reflects = |game: &Game| game.app.world().get::<RayTracedReflections>(game.camera).is_some();
+    let chosen = (0..40).find(|_| {
+        game.push(gamepad, GamepadButton::DPadDown);
+        game.focus().as_deref() == Some("Reflections")
+    });
+    assert!(chosen.is_some(), "the focus is on {:?}", game.focus());
+    for on in [false, true] {
+        game.push(gamepad, GamepadButton::South);
+        assert_eq!(reflects(&game), on);
+    }
+    game.push(gamepad, GamepadButton::DPadUp);
+    assert_ne!(game.focus().as_deref(), Some("Reflections"));
+    game.push(gamepad, GamepadButton::DPadDown);
+    assert_eq!(game.focus().as_deref(), Some("Reflections"));
+    game.press(KeyCode::F2);
+    game.push(gamepad, GamepadButton::South);
+    assert!(reflects(&game), "the panel is closed");
 }
 
 /// Events of a window reach the panel through the plugin's own systems.

@@ -8,11 +8,13 @@ mod figures;
 
 use std::collections::BTreeMap;
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Result, anyhow, bail, ensure};
 
+use crate::batches::Outcome;
 use crate::driver::{self, Need};
+use crate::known::Known;
 use crate::translations::{self, PRESETS, TRANSLATED};
 use crate::{cargo, progress};
 use compiler::Compiler;
@@ -94,7 +96,8 @@ pub fn judge(compilers: &[Compiler], all: bool, accept: bool) -> Result<Vec<Stri
             .iter()
             .filter(|(name, _)| all || is_preset(name) || file.contains_key(&key(name)));
         let (names, arguments): (Vec<_>, Vec<_>) = wanted.map(|(name, argument)| (name, argument.as_str())).unzip();
-        for (name, outcome) in names.into_iter().zip(compiler.compile(&arguments)?) {
+        let outcomes = compile(compiler, &arguments, folder.join(format!("isa-{}.known", compiler.gpu)))?;
+        for (name, outcome) in names.into_iter().zip(outcomes) {
             let figures = outcome.map_err(|reason| anyhow!(reason));
             match figures.and_then(|told| Figures::read(&told)) {
                 Ok(figures) => _ = found.insert(key(name), figures),
@@ -129,6 +132,29 @@ pub fn judge(compilers: &[Compiler], all: bool, accept: bool) -> Result<Vec<Stri
         ));
     }
     Ok(changes)
+}
+
+/// Compiles the pipelines whose shaders changed since the last run.
+fn compile(compiler: &Compiler, arguments: &[&str], known: PathBuf) -> Result<Vec<Outcome>> {
+    let read = |argument: &&str| argument.split(':').map(fs::read).collect::<Result<Vec<_>, _>>();
+    let shaders = arguments.iter().map(read).collect::<Result<Vec<_>, _>>()?;
+    let mut known = Known::open(known, compiler.version()?);
+    let mut outcomes: Vec<_> = shaders.iter().map(|shaders| known.get(shaders)).collect();
+    let is_new = |(outcome, argument): (&Option<_>, _)| outcome.is_none().then_some(argument);
+    let new: Vec<&str> = outcomes
+        .iter()
+        .zip(arguments.iter().copied())
+        .filter_map(is_new)
+        .collect();
+    let mut compiled = compiler.compile(&new)?.into_iter();
+    for (outcome, shaders) in outcomes.iter_mut().zip(&shaders) {
+        if outcome.is_none() {
+            *outcome = compiled.next();
+            outcome.iter().for_each(|outcome| known.add(shaders, outcome));
+        }
+    }
+    known.save()?;
+    Ok(outcomes.into_iter().flatten().collect())
 }
 
 fn is_preset(name: &str) -> bool {

@@ -10,6 +10,7 @@ mod driver;
 mod environment;
 mod file_sizes;
 mod isa;
+mod known;
 mod new_user;
 mod package;
 mod progress;

@@ -5,7 +5,7 @@ use crate::stage::unlit;
 use bevy::{camera::visibility::RenderLayers, pbr::ScreenSpaceTransmission, prelude::*, render::render_resource::Face};
 use bevy_glint::ReflectionTechnique;
 
-pub(super) const ROWS: [Row; 30] = [
+pub(super) const ROWS: [Row; 31] = [
     ("unlit", |stage| stage.spawn(StandardMaterial { unlit: true, ..blue() })),
     ("directional light", |stage| stage.light_and_spawn(blue())),
     ("shadow of a directional light", |stage| {
@@ -140,6 +140,15 @@ pub(super) const ROWS: [Row; 30] = [
         stage.spawn(StandardMaterial {
             metallic: 0.3,
             lightmap_exposure: 2000.0,
+            ..blue()
+        });
+        stage.bake(&image);
+    }),
+    ("lightmap on a colour above 1", |stage| {
+        let image = stage.checkers([255, 150, 40, 255], [20, 60, 200, 255], true);
+        stage.spawn(StandardMaterial {
+            base_color: Color::linear_rgb(0.3, 2.5, 1.6),
+            lightmap_exposure: 500.0,
             ..blue()
         });
         stage.bake(&image);

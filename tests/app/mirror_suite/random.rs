@@ -146,7 +146,9 @@ impl Recipe {
             material.opaque_render_method = OpaqueRendererMethod::Deferred;
         }
         if material.specular_transmission > 0.0 {
-            // Bevy's glass sees only what is opaque, blurs what is behind rough glass, and reflects.
+            // Bevy's glass sees only what is opaque, blurs what is behind rough glass, and reflects. Faces of it whose normals point away
+            // reflect ambient light whatever their reflectance.
+            material.cull_mode = Some(Face::Back);
             material.alpha_mode = AlphaMode::Opaque;
             material.diffuse_transmission = 0.0;
             material.perceptual_roughness = 0.0;
@@ -155,7 +157,8 @@ impl Recipe {
             material.clearcoat = 0.0;
             // Glass of a colour above 1 would add light to what is behind it, which only Bevy's image does.
             // Rays pass unlit glass, which Bevy draws opaque.
-            if self.objects.len() > 1 || self.varies("mesh: colours").is_some() || material.unlit {
+            let stays_solid = ["mesh: colours", "place: mirrored"].map(|name| self.varies(name).is_some());
+            if self.objects.len() > 1 || stays_solid.contains(&true) || material.unlit {
                 material.specular_transmission = 0.0;
             }
         }

@@ -146,7 +146,8 @@ fn a_camera_that_lacks_something_shows_an_ordinary_picture() {
         change(&mut app.world().entity_mut(camera));
         let off = shot(&mut app);
         app.world().entity_mut(camera).insert(RayTracedReflections::default());
-        // The component has added the ones that it needs. Removes them again.
+        app.step(4);
+        // The plugin has added what it needs. Removes them again.
         change(&mut app.world().entity_mut(camera));
         let on = shot(&mut app);
         assert_eq!(differing_pixels(&off, &on, 1), 0, "{name}");

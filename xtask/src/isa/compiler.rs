@@ -2,6 +2,7 @@
 
 use std::env;
 use std::ffi::OsString;
+use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::Duration;
@@ -63,6 +64,11 @@ impl Compiler {
         said.lines().next().map(str::to_owned).with_context(reason)
     }
 
+    /// Everything of the compiler that affects outcomes.
+    pub fn version(&self) -> Result<(String, Vec<u8>)> {
+        Ok((self.name()?, fs::read(&self.program)?))
+    }
+
     /// Compiles pipelines, and returns the outcome of each.
     pub fn compile(&self, pipelines: &[&str]) -> Result<Vec<Outcome>> {
         batches::run(pipelines, self.limits, |pipelines| self.command(pipelines))
@@ -104,7 +110,6 @@ fn driver() -> Option<PathBuf> {
 #[cfg(unix)]
 mod tests {
     use super::*;
-    use std::fs;
     use std::os::unix::fs::PermissionsExt;
 
     /// A compiler that crashes at the first try of `flaky`, always at `refused`, and never ends at `endless`.

@@ -1,0 +1,260 @@
+//! Gives cameras what reflections need: HDR, and all prepasses.
+//!
+//! Both are part of the key of every pipeline that draws into the view, and Bevy doesn't draw objects until their pipelines are compiled.
+//! So a camera that already draws gets them later: meanwhile, Bevy specializes the pipelines of everything that it shows for a second view
+//! with the new key. That view exists between two systems of each frame, and nothing is drawn into it.
+
+use crate::{
+    device::tracing_app,
+    settings::{PrepassRequest, RayTracedReflections, ReflectionQuality},
+};
+use bevy::{
+    app::{App, Plugin, PostUpdate},
+    camera::{Camera, Hdr},
+    core_pipeline::{
+        core_3d::{Opaque3d, check_msaa},
+        prepass::{DeferredPrepass, DepthPrepass, MotionVectorPrepass, NormalPrepass, Opaque3dPrepass},
+    },
+    ecs::{change_detection::DetectChanges, prelude::*, system::SystemParam},
+    pbr::{
+        MeshPipelineKey, SpecializedMaterialPipelineCache, SpecializedPrepassMaterialPipelineCache, ViewKeyCache,
+        ViewKeyPrepassCache,
+        deferred::{DeferredLightingLayout, insert_deferred_lighting_pass_id_component},
+    },
+    render::{
+        Render, RenderSystems,
+        batching::gpu_preprocessing::GpuPreprocessingMode,
+        camera::{DirtySpecializations, camera_system},
+        render_phase::ViewBinnedRenderPhases,
+        render_resource::{
+            CachedPipelineState, CachedRenderPipelineId, PipelineCache, SpecializedRenderPipelines, TextureFormat,
+        },
+        view::{ExtractedView, Msaa, RenderVisibleEntities, RetainedViewEntity},
+    },
+    time::{Real, Time},
+};
+use core::time::Duration;
+
+/// Time after which a camera gets its prepasses even if some pipelines still wait, for a shader that never loads or another reason.
+const PATIENCE: Duration = Duration::from_secs(30);
+/// No other view of a camera has this number.
+const AHEAD: u32 = u32::MAX;
+
+pub(crate) struct PrepassesPlugin;
+
+/// Present if the render world reports when pipelines are compiled.
+#[derive(Resource)]
+struct CompilesAhead;
+
+impl Plugin for PrepassesPlugin {
+    fn build(&self, app: &mut App) {
+        app.add_systems(
+            PostUpdate,
+            give_prepasses
+                .before(camera_system)
+                .before(check_msaa)
+                .before(insert_deferred_lighting_pass_id_component),
+        );
+    }
+
+    fn finish(&self, app: &mut App) {
+        let Some(render_app) = tracing_app(app) else { return };
+        render_app.add_systems(
+            Render,
+            (
+                look_ahead
+                    .after(RenderSystems::PrepareAssets)
+                    .before(RenderSystems::PrepareMeshes),
+                note_compiled
+                    .after(RenderSystems::Specialize)
+                    .before(RenderSystems::Queue),
+            ),
+        );
+        app.insert_resource(CompilesAhead);
+    }
+}
+
+/// A camera that waits for its prepasses.
+type Requesting = (
+    Entity,
+    Ref<'static, Camera>,
+    &'static mut PrepassRequest,
+    Has<RayTracedReflections>,
+    Has<ReflectionQuality>,
+);
+type HasAll = (
+    With<Hdr>,
+    With<DepthPrepass>,
+    With<DeferredPrepass>,
+    With<NormalPrepass>,
+    With<MotionVectorPrepass>,
+);
+
+/// Gives new cameras their prepasses at once, and those that draw once the pipelines for them are compiled.
+fn give_prepasses(
+    mut cameras: Query<Requesting>,
+    complete: Query<(), HasAll>,
+    ahead: Option<Res<CompilesAhead>>,
+    time: Option<Res<Time<Real>>>,
+    mut commands: Commands,
+) {
+    for (entity, camera, mut request, reflects, has_quality) in &mut cameras {
+        let mut commands = commands.entity(entity);
+        if complete.contains(entity) || !(reflects || has_quality) {
+            commands.remove::<PrepassRequest>();
+            continue;
+        }
+        request.waited += time.as_ref().map_or(Duration::ZERO, |time| time.delta());
+        let draws = camera.is_active && !camera.is_added() && ahead.is_some();
+        if !draws || request.is_warm || request.waited > PATIENCE {
+            commands
+                .insert_if_new((Hdr, DepthPrepass, DeferredPrepass, NormalPrepass, MotionVectorPrepass))
+                .remove::<PrepassRequest>();
+        }
+    }
+}
+
+/// A view of the render world whose camera waits for its prepasses.
+#[derive(Component)]
+pub(crate) struct WaitingView {
+    /// Whether the camera isn't HDR yet.
+    pub gets_hdr: bool,
+    /// Whether all pipelines are compiled.
+    pub is_warm: bool,
+}
+
+impl WaitingView {
+    /// The key of the view once its camera has everything.
+    fn key(&self, now: MeshPipelineKey) -> MeshPipelineKey {
+        // Bevy draws no deferred materials with multisampling.
+        let mut key = now.difference(MeshPipelineKey::MSAA_RESERVED_BITS)
+            | MeshPipelineKey::from_msaa_samples(Msaa::Off.samples())
+            | MeshPipelineKey::DEPTH_PREPASS
+            | MeshPipelineKey::DEFERRED_PREPASS
+            | MeshPipelineKey::NORMAL_PREPASS
+            | MeshPipelineKey::MOTION_VECTOR_PREPASS
+            // Of the hook in Bevy's lighting.
+            | MeshPipelineKey::SCREEN_SPACE_REFLECTIONS;
+        if self.gets_hdr {
+            key.remove(
+                MeshPipelineKey::COLOR_TARGET_FORMAT_RESERVED_BITS
+                    | MeshPipelineKey::TONEMAP_METHOD_RESERVED_BITS
+                    | MeshPipelineKey::TONEMAP_IN_SHADER
+                    | MeshPipelineKey::DEBAND_DITHER,
+            );
+            key |= MeshPipelineKey::from_target_format(TextureFormat::Rgba16Float);
+        }
+        key
+    }
+}
+
+/// The second view of a waiting one, with the keys that the latter will have.
+#[derive(Component)]
+struct AheadOf(Entity);
+
+/// What Bevy specializes pipelines by.
+#[derive(SystemParam)]
+struct Keys<'w> {
+    main: ResMut<'w, ViewKeyCache>,
+    prepass: ResMut<'w, ViewKeyPrepassCache>,
+    dirty: ResMut<'w, DirtySpecializations>,
+    main_phases: ResMut<'w, ViewBinnedRenderPhases<Opaque3d>>,
+    prepass_phases: ResMut<'w, ViewBinnedRenderPhases<Opaque3dPrepass>>,
+}
+
+impl Keys<'_> {
+    /// Adds a view for which pipelines are specialized in this frame.
+    fn add(&mut self, view: RetainedViewEntity, key: MeshPipelineKey) {
+        let of_prepass = MeshPipelineKey::MSAA_RESERVED_BITS
+            | MeshPipelineKey::DEPTH_PREPASS
+            | MeshPipelineKey::NORMAL_PREPASS
+            | MeshPipelineKey::MOTION_VECTOR_PREPASS;
+        self.main.insert(view, key);
+        self.prepass.insert(view, key & of_prepass);
+        self.dirty.views.insert(view);
+        // Bevy passes by views without phases.
+        let mode = GpuPreprocessingMode::None;
+        self.main_phases.prepare_for_new_frame(view, mode);
+        self.prepass_phases.prepare_for_new_frame(view, mode);
+    }
+
+    fn remove(&mut self, view: RetainedViewEntity) {
+        self.main.remove(&view);
+        self.prepass.remove(&view);
+        self.dirty.views.remove(&view);
+        self.main_phases.remove(&view);
+        self.prepass_phases.remove(&view);
+    }
+}
+
+/// Adds the second views.
+fn look_ahead(
+    waiting: Query<(Entity, &WaitingView, &ExtractedView, &RenderVisibleEntities)>,
+    mut keys: Keys,
+    mut commands: Commands,
+) {
+    for (entity, waiting, view, visible) in &waiting {
+        let Some(key) = keys.main.get(&view.retained_view_entity) else {
+            continue;
+        };
+        let key = waiting.key(*key);
+        let retained_view_entity = RetainedViewEntity::new(view.retained_view_entity.main_entity, None, AHEAD);
+        keys.add(retained_view_entity, key);
+        let ahead = ExtractedView {
+            retained_view_entity,
+            clip_from_view: view.clip_from_view,
+            world_from_view: view.world_from_view,
+            clip_from_world: view.clip_from_world,
+            target_format: key.target_format(),
+            viewport: view.viewport,
+            color_grading: view.color_grading.clone(),
+            invert_culling: view.invert_culling,
+        };
+        let prepasses = (DepthPrepass, DeferredPrepass, NormalPrepass, MotionVectorPrepass);
+        commands.spawn((AheadOf(entity), ahead, visible.clone(), Msaa::Off, prepasses));
+    }
+}
+
+/// Pipelines of views.
+#[derive(SystemParam)]
+struct Specialized<'w> {
+    main: Res<'w, SpecializedMaterialPipelineCache>,
+    prepass: Res<'w, SpecializedPrepassMaterialPipelineCache>,
+    lighting: ResMut<'w, SpecializedRenderPipelines<DeferredLightingLayout>>,
+    lighting_layout: Res<'w, DeferredLightingLayout>,
+    cache: Res<'w, PipelineCache>,
+}
+
+impl Specialized<'_> {
+    /// Whether no pipeline of a view will be compiled any more. Those with errors won't.
+    fn are_compiled(&mut self, view: RetainedViewEntity, key: MeshPipelineKey) -> bool {
+        let lighting = self.lighting.specialize(&self.cache, &self.lighting_layout, key);
+        let main = self.main.get(&view).into_iter().flat_map(|view| view.values().copied());
+        let prepass = self.prepass.get(&view).into_iter().flat_map(|view| view.values());
+        let is_compiled = |id: CachedRenderPipelineId| {
+            let state = self.cache.get_render_pipeline_state(id);
+            matches!(state, CachedPipelineState::Ok(_) | CachedPipelineState::Err(_))
+        };
+        main.chain(prepass.map(|(_, id, _)| *id))
+            .chain([lighting])
+            .all(is_compiled)
+    }
+}
+
+/// Removes the second views, and notes which views are warm.
+fn note_compiled(
+    ahead: Query<(Entity, &AheadOf, &ExtractedView)>,
+    mut waiting: Query<&mut WaitingView>,
+    mut specialized: Specialized,
+    mut keys: Keys,
+    mut commands: Commands,
+) {
+    for (entity, of, view) in &ahead {
+        let view = view.retained_view_entity;
+        if let (Some(key), Ok(mut waiting)) = (keys.main.get(&view).copied(), waiting.get_mut(of.0)) {
+            waiting.is_warm = specialized.are_compiled(view, key);
+        }
+        keys.remove(view);
+        commands.entity(entity).despawn();
+    }
+}
