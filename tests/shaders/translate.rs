@@ -64,7 +64,9 @@ impl Translations {
     fn open(translator: &Path) -> Self {
         let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("translations");
         let new = folder.with_extension("new");
-        let made_by = hash(fs::read(translator).unwrap());
+        // Without a validator, nothing is known about the SPIR-V.
+        let validator = Command::new("spirv-val").arg("--version").output().ok();
+        let made_by = hash((fs::read(translator).unwrap(), validator.map(|output| output.stdout)));
         let version = folder.join("translator");
         if fs::read_to_string(&version).ok().as_ref() != Some(&made_by) {
             _ = fs::remove_dir_all(&folder);

@@ -63,6 +63,13 @@ struct Mentions {
 
 impl Mentions {
     fn of(package: &str, source: &str) -> Self {
+        // Paths of nested imports wouldn't be found.
+        let mut imports = source
+            .split("import ")
+            .skip(1)
+            .filter_map(|import| import.split(';').next());
+        let is_nested = imports.any(|import| import.matches('{').count() > 1);
+        assert!(package != "bevy_glint" || !is_nested, "a nested import");
         let paths = words(source).filter(|word| word.contains("::")).map(|path| {
             let segments = path.split("::").filter(|segment| !segment.is_empty());
             let named = segments.map(|segment| if segment == "package" { package } else { segment });
@@ -74,6 +81,15 @@ impl Mentions {
             hash: hash(source),
         }
     }
+}
+
+/// Definitions that the pipeline cache of a device with storage buffers adds.
+fn device_defs() -> [ShaderDefVal; 3] {
+    [
+        ShaderDefVal::UInt("AVAILABLE_STORAGE_BUFFER_BINDINGS".into(), 8),
+        "AVAILABLE_STORAGE_BUFFER_BINDINGS__GE_3".into(),
+        "AVAILABLE_STORAGE_BUFFER_BINDINGS__GE_6".into(),
+    ]
 }
 
 /// Identifiers and paths.
@@ -155,7 +171,10 @@ impl Shaders {
         let mut defs: Vec<_> = defs.iter().filter(is_known).cloned().collect();
         defs.sort_by_cached_key(|def| format!("{def:?}"));
         let hashes: Vec<_> = modules.iter().map(|(name, module)| (name, &module.hash)).collect();
-        let linked = Linked::new((name, format!("{defs:?}")), (hashes, &self.versions));
+        let linked = Linked::new(
+            (name, format!("{defs:?}")),
+            (hashes, &self.versions, format!("{:?}", device_defs())),
+        );
         if let Some(wgsl) = linked.read() {
             return Ok(wgsl);
         }
@@ -164,10 +183,7 @@ impl Shaders {
 
     fn link(&mut self, name: &str, mut defs: Vec<ShaderDefVal>) -> Result<String, String> {
         let id = *self.ids.get(name).ok_or_else(|| format!("no module {name}"))?;
-        // As the pipeline cache of a device with storage buffers adds them.
-        defs.push(ShaderDefVal::UInt("AVAILABLE_STORAGE_BUFFER_BINDINGS".into(), 8));
-        defs.push("AVAILABLE_STORAGE_BUFFER_BINDINGS__GE_3".into());
-        defs.push("AVAILABLE_STORAGE_BUFFER_BINDINGS__GE_6".into());
+        defs.extend(device_defs());
         self.cache
             .get(0, id, &defs)
             .map(|source| (*source).clone())

@@ -54,9 +54,10 @@ struct Pass {
 }
 
 impl Pass {
-    /// The contents of its translations.
-    fn files(&self) -> [Option<Vec<u8>>; 2] {
-        ["hlsl", "spv"].map(|suffix| fs::read(format!("{}.{suffix}", self.argument)).ok())
+    /// What is judged: whether it runs, and its translations.
+    fn input(&self) -> (bool, [Option<Vec<u8>>; 2]) {
+        let read = |suffix| fs::read(format!("{}.{suffix}", self.argument)).ok();
+        (is_run(self), ["hlsl", "spv"].map(read))
     }
 }
 
@@ -82,12 +83,12 @@ impl RoundTrip {
         let mut known = Known::open(folder.join("hlsl.known"), tool.version()?);
         let mut judged = Vec::new();
         passes.retain(|pass| {
-            let outcome = known.get(pass.files());
+            let outcome = known.get(pass.input());
             judged.extend(outcome.clone().map(|outcome| (pass.clone(), outcome)));
             outcome.is_none()
         });
         let new = tool.judge(passes, is_run)?;
-        new.iter().for_each(|(pass, outcome)| known.add(pass.files(), outcome));
+        new.iter().for_each(|(pass, outcome)| known.add(pass.input(), outcome));
         known.save()?;
         judged.extend(new);
         let count = |is_counted: fn(&Pass) -> bool| judged.iter().filter(|(pass, _)| is_counted(pass)).count();
@@ -134,9 +135,12 @@ fn each(limits: Limits, passes: &[Pass], command: impl Fn(&[&str]) -> Command + 
 
 impl Tool<'_> {
     /// Everything of the tool that affects outcomes.
-    fn version(&self) -> Result<[Vec<u8>; 3]> {
+    fn version(&self) -> Result<(bool, [Vec<u8>; 3])> {
         let device = self.runner(&[]).output()?.stdout;
-        Ok([device, fs::read(&self.program)?, fs::read(self.library)?])
+        Ok((
+            self.validates,
+            [device, fs::read(&self.program)?, fs::read(self.library)?],
+        ))
     }
 
     /// Compiles all passes, and runs some.
