@@ -1,6 +1,5 @@
 //! The keys by which egui moves its focus, from a gamepad.
 
-use super::panel::ReflectionSettingsPanel;
 use bevy::{
     ecs::prelude::*,
     input::gamepad::{Gamepad, GamepadButton},
@@ -21,16 +20,12 @@ const KEYS: [(GamepadButton, Key, Modifiers); 6] = [
     (GamepadButton::East, Key::Escape, Modifiers::NONE),
 ];
 
-/// Presses keys while the panel is open.
+/// Presses keys.
 pub(super) fn press_keys(
     gamepads: Query<&Gamepad>,
-    panel: Option<Res<ReflectionSettingsPanel>>,
     contexts: Query<Entity, With<PrimaryEguiContext>>,
     mut events: MessageWriter<EguiInputEvent>,
 ) {
-    if !panel.is_some_and(|panel| panel.open) {
-        return;
-    }
     let Some(context) = contexts.iter().next() else { return };
     for (button, key, modifiers) in KEYS {
         for pressed in [true, false] {

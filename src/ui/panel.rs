@@ -94,7 +94,10 @@ impl Plugin for ReflectionSettingsPanelPlugin {
         }
         app.add_systems(
             PreUpdate,
-            press_keys.after(InputSystems).in_set(EguiInputSet::ReadBevyMessages),
+            press_keys
+                .after(InputSystems)
+                .in_set(EguiInputSet::ReadBevyMessages)
+                .run_if(is_open),
         )
         .add_systems(EguiPrimaryContextPass, show_panel);
     }
@@ -105,6 +108,10 @@ fn can_draw(world: &World) -> bool {
     world.contains_resource::<Assets<Shader>>()
         && world.contains_resource::<Assets<Image>>()
         && world.contains_resource::<Messages<KeyboardInput>>()
+}
+
+fn is_open(panel: Option<Res<ReflectionSettingsPanel>>) -> bool {
+    panel.is_some_and(|panel| panel.open)
 }
 
 fn toggle_panel(keys: Option<Res<ButtonInput<KeyCode>>>, panel: Option<ResMut<ReflectionSettingsPanel>>) {
