@@ -5,7 +5,7 @@
 //! with the new key. That view exists between two systems of each frame, and nothing is drawn into it.
 
 use crate::{
-    device::tracing_app,
+    device::{NoMotionVectors, tracing_app},
     settings::{PrepassRequest, RayTracedReflections, ReflectionQuality},
 };
 use bevy::{
@@ -16,6 +16,7 @@ use bevy::{
         prepass::{DeferredPrepass, DepthPrepass, MotionVectorPrepass, NormalPrepass, Opaque3dPrepass},
     },
     ecs::{entity::EntityHashSet, prelude::*, system::SystemParam},
+    log::warn,
     pbr::{
         MeshPipelineKey, SpecializedMaterialPipelineCache, SpecializedPrepassMaterialPipelineCache, ViewKeyCache,
         ViewKeyPrepassCache,
@@ -31,6 +32,7 @@ use bevy::{
             CachedPipelineState, CachedRenderPipelineId, PipelineCache, PipelineDescriptor, SpecializedRenderPipelines,
             TextureFormat,
         },
+        renderer::{RenderAdapter, RenderDevice},
         view::{ExtractedView, Msaa, RenderVisibleEntities, RetainedViewEntity},
     },
     shader::ShaderCacheError,
@@ -38,10 +40,12 @@ use bevy::{
 };
 use core::time::Duration;
 
-/// Time after which a camera gets its prepasses even if some pipelines still wait, for a shader that never loads or another reason.
+/// Time after which a camera gets its prepasses even if some pipelines still wait, such as those of a shader that never loads. A longer time
+/// keeps such a camera without reflections; a shorter one lets objects vanish on devices that compile slowly. Not tuned.
 const PATIENCE: Duration = Duration::from_secs(30);
-/// Longest wait in the frame in which a camera becomes HDR.
-const LONGEST_WAIT: Duration = Duration::from_millis(500);
+/// Longest wait in the frame in which a camera becomes HDR. A longer one can freeze that frame; a shorter one shows it without tone mapping
+/// or sky on devices that compile slowly. Not tuned.
+const LONGEST_WAIT: Duration = Duration::from_secs(1);
 /// No other view of a camera has this number.
 const AHEAD: u32 = u32::MAX;
 
@@ -63,7 +67,22 @@ impl Plugin for PrepassesPlugin {
     }
 
     fn finish(&self, app: &mut App) {
+        let world = app.world();
+        let device = world
+            .get_resource::<RenderDevice>()
+            .zip(world.get_resource::<RenderAdapter>());
+        let no_motion = device.and_then(|(device, adapter)| NoMotionVectors::detect(device, adapter));
+        if let Some(no_motion) = no_motion {
+            app.insert_resource(no_motion);
+        }
         let Some(render_app) = tracing_app(app) else { return };
+        if let Some(no_motion) = no_motion {
+            warn!(
+                "cameras get no motion vectors, so that reflections smear or get noisy where objects move: Bevy can't make them on a device \
+                 without `TEXTURE_ADAPTER_SPECIFIC_FORMAT_FEATURES`, so add this to the features of `WgpuSettings`"
+            );
+            render_app.insert_resource(no_motion);
+        }
         render_app.add_systems(
             Render,
             (
@@ -79,6 +98,7 @@ impl Plugin for PrepassesPlugin {
                 finish_switches
                     .after(RenderSystems::Prepare)
                     .before(RenderSystems::Render)
+                    .run_if(any_with_component::<WaitingView>)
                     .ambiguous_with_all(),
             ),
         );
@@ -93,7 +113,7 @@ type Requesting = (
     Has<RayTracedReflections>,
     Has<ReflectionQuality>,
 );
-/// What a camera can't trace without. Without motion vectors it can, if the app removed them.
+/// What a camera can't trace without. Without motion vectors it can, if the app removed them or the device has none.
 type HasAll = (
     With<Hdr>,
     With<DepthPrepass>,
@@ -106,7 +126,7 @@ fn give_prepasses(
     mut cameras: Query<Requesting>,
     complete: Query<(), HasAll>,
     all: Query<(Entity, &Camera)>,
-    ahead: Option<Res<CompilesAhead>>,
+    (ahead, no_motion): (Option<Res<CompilesAhead>>, Option<Res<NoMotionVectors>>),
     time: Option<Res<Time<Real>>>,
     mut drawn: Local<EntityHashSet>,
     mut commands: Commands,
@@ -121,8 +141,11 @@ fn give_prepasses(
         let draws = drawn.contains(&entity) && ahead.is_some();
         if !draws || request.is_warm || request.waited > PATIENCE {
             commands
-                .try_insert_if_new((Hdr, DepthPrepass, DeferredPrepass, NormalPrepass, MotionVectorPrepass))
+                .try_insert_if_new((Hdr, DepthPrepass, DeferredPrepass, NormalPrepass))
                 .try_remove::<PrepassRequest>();
+            if no_motion.is_none() {
+                commands.try_insert_if_new(MotionVectorPrepass);
+            }
         }
     }
     drawn.clear();
@@ -140,6 +163,8 @@ pub(crate) struct WaitingView {
     pub gets_hdr: bool,
     /// Whether all pipelines are compiled.
     pub is_warm: bool,
+    /// Whether the camera has everything now, or stopped waiting. The component lasts for this one frame then.
+    pub is_over: bool,
     /// The key for which they were specialized.
     key: Option<MeshPipelineKey>,
 }
@@ -149,21 +174,22 @@ impl WaitingView {
         Self {
             gets_hdr,
             is_warm: false,
+            is_over: false,
             key: None,
         }
     }
 
     /// The key of the view once its camera has everything.
-    fn key(&self, now: MeshPipelineKey) -> MeshPipelineKey {
+    fn key(&self, now: MeshPipelineKey, has_motion: bool) -> MeshPipelineKey {
         // Bevy draws no deferred materials with multisampling.
         let mut key = now.difference(MeshPipelineKey::MSAA_RESERVED_BITS)
             | MeshPipelineKey::from_msaa_samples(Msaa::Off.samples())
             | MeshPipelineKey::DEPTH_PREPASS
             | MeshPipelineKey::DEFERRED_PREPASS
             | MeshPipelineKey::NORMAL_PREPASS
-            | MeshPipelineKey::MOTION_VECTOR_PREPASS
             // Of the hook in Bevy's lighting.
             | MeshPipelineKey::SCREEN_SPACE_REFLECTIONS;
+        key.set(MeshPipelineKey::MOTION_VECTOR_PREPASS, has_motion);
         if self.gets_hdr {
             key.remove(
                 MeshPipelineKey::COLOR_TARGET_FORMAT_RESERVED_BITS
@@ -221,14 +247,17 @@ impl Keys<'_> {
 /// Adds the second views.
 fn look_ahead(
     mut waiting: Query<(Entity, &mut WaitingView, &ExtractedView, &RenderVisibleEntities)>,
+    no_motion: Option<Res<NoMotionVectors>>,
     mut keys: Keys,
     mut commands: Commands,
 ) {
+    let has_motion = no_motion.is_none();
     for (entity, mut waiting, view, visible) in &mut waiting {
-        let Some(key) = keys.main.get(&view.retained_view_entity) else {
+        let key = keys.main.get(&view.retained_view_entity);
+        let Some(key) = key.filter(|_| !waiting.is_over) else {
             continue;
         };
-        let key = waiting.key(*key);
+        let key = waiting.key(*key, has_motion);
         let retained_view_entity = RetainedViewEntity::new(view.retained_view_entity.main_entity, None, AHEAD);
         let is_new = waiting.key.replace(key) != Some(key);
         keys.add(retained_view_entity, key, is_new);
@@ -242,8 +271,11 @@ fn look_ahead(
             color_grading: view.color_grading.clone(),
             invert_culling: view.invert_culling,
         };
-        let prepasses = (DepthPrepass, DeferredPrepass, NormalPrepass, MotionVectorPrepass);
-        commands.spawn((AheadOf(entity), ahead, visible.clone(), Msaa::Off, prepasses));
+        let prepasses = (DepthPrepass, DeferredPrepass, NormalPrepass);
+        let mut ahead = commands.spawn((AheadOf(entity), ahead, visible.clone(), Msaa::Off, prepasses));
+        if has_motion {
+            ahead.insert(MotionVectorPrepass);
+        }
     }
 }
 
@@ -298,28 +330,19 @@ fn note_compiled(
 }
 
 /// Waits for the pipelines that draw into views which become HDR in this frame: tone mapping, sky and user interface don't draw without
-/// theirs, and Bevy requests these in the frame in which it needs them.
-fn finish_switches(
-    waiting: Query<(Entity, &WaitingView)>,
-    cameras: Query<&ExtractedCamera>,
-    mut cache: ResMut<PipelineCache>,
-    mut before: Local<EntityHashSet>,
-) {
-    let now: EntityHashSet = waiting
-        .iter()
-        .filter(|(_, view)| view.gets_hdr)
-        .map(|(view, _)| view)
-        .collect();
-    let is_hdr = |view: &Entity| cameras.get(*view).is_ok_and(|camera| camera.hdr);
-    if before.difference(&now).any(is_hdr) {
-        let start = Instant::now();
-        cache.process_queue();
-        while draws_wait(&cache) && start.elapsed() < LONGEST_WAIT {
-            std::thread::sleep(Duration::from_millis(1));
-            cache.process_queue();
-        }
+/// theirs, and Bevy requests these in the frame in which it needs them. Ours come later (`ready.rs`), so that these don't queue behind them.
+fn finish_switches(views: Query<(&WaitingView, &ExtractedCamera)>, mut cache: ResMut<PipelineCache>) {
+    let becomes_hdr = |(view, camera): (&WaitingView, &ExtractedCamera)| view.is_over && view.gets_hdr && camera.hdr;
+    if !views.iter().any(becomes_hdr) {
+        return;
     }
-    *before = now;
+    let start = Instant::now();
+    cache.process_queue();
+    // Browsers compile at once, and their threads can't sleep.
+    while !cfg!(target_arch = "wasm32") && draws_wait(&cache) && start.elapsed() < LONGEST_WAIT {
+        std::thread::sleep(Duration::from_millis(1));
+        cache.process_queue();
+    }
 }
 
 /// Whether a pipeline that draws is being compiled.

@@ -161,7 +161,7 @@ impl AllPipelines<'_> {
 
 /// Requests the pipelines of all settings and records which of them views can start with.
 fn request_pipelines(
-    wanting: Query<(&WantsReflections, Option<&ExtractedView>, Has<WaitingView>)>,
+    wanting: Query<(&WantsReflections, Option<&ExtractedView>, Option<&WaitingView>)>,
     active: Query<(&ReflectionView, &ExtractedView)>,
     time: Res<RealTime>,
     mut pipelines: AllPipelines,
@@ -170,9 +170,11 @@ fn request_pipelines(
     if wanting.iter().all(|(_, view, _)| view.is_none()) {
         return;
     }
-    for (wants, view, waits) in &wanting {
-        // Views that wait become HDR.
-        let view = view.filter(|_| !waits);
+    for (wants, view, waiting) in &wanting {
+        // Until the view is HDR, Bevy's pipelines for it come first.
+        if waiting.is_some_and(|waiting| waiting.gets_hdr) {
+            continue;
+        }
         known.note(&wants.settings, &wants.rate, view.map(|view| view.target_format));
         pipelines.rate_images.request(&wants.rate);
     }

@@ -1,6 +1,7 @@
 //! Device capabilities that the crate requires: which tracer, which form of the texture table, which shading rates.
 
 mod memory;
+mod motion_vectors;
 mod real_time;
 mod shading_rates;
 mod support;
@@ -19,6 +20,7 @@ pub use memory::refuse_memory;
 pub(crate) use memory::{MemoryRetry, try_allocate};
 #[cfg(test)]
 pub(crate) use memory::{REFUSED_FRAMES, REFUSES};
+pub(crate) use motion_vectors::NoMotionVectors;
 pub(crate) use real_time::{RealTime, tick_real_time};
 #[cfg(test)]
 pub(crate) use support::{SAMPLED_TEXTURES_ELSEWHERE, SAMPLED_TEXTURES_IN_BROWSERS};

@@ -34,7 +34,7 @@ use bevy::{
     pbr::ScreenSpaceReflections,
     render::{MainWorld, renderer::RenderDevice, sync_world::RenderEntity, view::Msaa},
 };
-use core::time::Duration;
+use core::{mem, time::Duration};
 
 /// The components of a camera that extraction reads.
 #[derive(QueryData)]
@@ -71,7 +71,7 @@ impl CameraQueryItem<'_, '_> {
         has_prepasses && self.hdr && !self.screen_space && self.msaa.is_none_or(|msaa| *msaa == Msaa::Off)
     }
 
-    /// Returns whether it gets prepasses later, once Bevy has compiled what it shows.
+    /// Returns whether Bevy still compiles what the camera shows, before the camera gets its prepasses.
     fn awaits_prepasses(&self) -> bool {
         self.request.is_some() && !(self.hdr && self.depth && self.deferred && self.normal)
     }
@@ -156,7 +156,7 @@ pub(super) struct ExistingView {
     wants: Has<WantsReflections>,
     has_textures: Has<ReflectionTextures>,
     has_hook: Has<LightingHook>,
-    waiting: Option<&'static WaitingView>,
+    waiting: Option<&'static mut WaitingView>,
 }
 
 type IsOurs = Or<(
@@ -188,7 +188,7 @@ struct Findings {
     screen_space: EntityHashSet,
     /// Views of inactive cameras.
     idle: EntityHashSet,
-    /// Views whose cameras wait for their prepasses.
+    /// Views with a camera that waits for its prepasses.
     incomplete: EntityHashSet,
     /// Cameras of the main world with the component.
     present: EntityHashSet,
@@ -248,13 +248,18 @@ impl Extraction<'_, '_> {
         self.commands.entity(view).insert(hook);
     }
 
-    /// Requests what the passes of a view need.
+    /// Requests the pipelines of a view.
     fn request(&mut self, view: Entity, request: Request, is_ready: bool) -> EntityCommands<'_> {
         self.found.waiting += usize::from(!is_ready);
         let Request { settings, rate } = request;
         let mut view = self.commands.entity(view);
         view.insert(WantsReflections { settings, rate });
         view
+    }
+
+    /// Requests the same for later. The view might have reflected before it lost a prepass.
+    fn suspend(&mut self, view: Entity, request: Request) {
+        self.request(view, request, false).remove::<ReflectionView>();
     }
 
     /// Has Bevy compile the pipelines of a view before its camera gets its prepasses.
@@ -265,6 +270,7 @@ impl Extraction<'_, '_> {
         let view = camera.render_entity;
         self.found.incomplete.insert(view);
         let waiting = existing.get(view).ok().and_then(|view| view.waiting);
+        let waiting = waiting.filter(|waiting| !waiting.is_over);
         if let (Some(waiting), Some(request)) = (waiting, &mut camera.request) {
             request.is_warm = waiting.is_warm;
         } else {
@@ -320,7 +326,7 @@ impl Extraction<'_, '_> {
     /// memory is short.
     fn retire_views(
         &mut self,
-        existing: &Query<ExistingView, IsOurs>,
+        existing: &mut Query<ExistingView, IsOurs>,
         idle: &mut EntityHashMap<Duration>,
         (delta, kept): (Duration, Duration),
         refused: &mut RefusedViews,
@@ -330,7 +336,10 @@ impl Extraction<'_, '_> {
         let is_short = refused.take_shortage();
         for view in existing {
             let mut commands = self.commands.entity(view.entity);
-            if view.waiting.is_some() && !found.incomplete.contains(&view.entity) {
+            if let Some(mut waiting) = view.waiting
+                && !found.incomplete.contains(&view.entity)
+                && mem::replace(&mut waiting.is_over, true)
+            {
                 commands.remove::<WaitingView>();
             }
             if view.has_hook && !found.hooked.contains(&view.entity) {
@@ -423,7 +432,7 @@ pub(super) fn extract_cameras(
         let (request, reason) = Request::new(&camera, &reflections, &vrs);
         fallbacks.note(&camera.label, reason);
         if camera.awaits_prepasses() {
-            extraction.request(camera.render_entity, request, false);
+            extraction.suspend(camera.render_entity, request);
             continue;
         }
         let view = existing.get_mut(camera.render_entity).ok();
@@ -433,7 +442,7 @@ pub(super) fn extract_cameras(
         }
     }
     let times = (limits.time.delta(), limits.retention.0);
-    extraction.retire_views(&existing, idle, times, &mut limits.refused);
+    extraction.retire_views(&mut existing, idle, times, &mut limits.refused);
     let is_complete = extraction.readiness.is_complete();
     let Findings {
         wanting,

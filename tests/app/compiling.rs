@@ -305,7 +305,7 @@ fn a_new_feature_takes_no_other_one_away_while_its_shader_is_compiled() {
 /// Columns of the image: a deferred wall, a cube that is drawn forward, and a blended pane.
 const COLUMNS: [usize; 3] = [48, 20, 68];
 
-/// Spawns what the columns show, without anything that reflects.
+/// Spawns an object for each column. None of them reflects.
 fn spawn_columns(app: &mut HeadlessApp) {
     let at = Transform::from_xyz;
     spawn_mesh(app, wall(), unlit(BLUE), at(0.0, 0.0, -1.0));

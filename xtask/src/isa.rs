@@ -134,7 +134,7 @@ pub fn judge(compilers: &[Compiler], all: bool, accept: bool) -> Result<Vec<Stri
     Ok(changes)
 }
 
-/// Compiles the pipelines whose shaders changed since the last run.
+/// Compiles pipelines with shaders that changed since the last run, and says how many didn't.
 fn compile(compiler: &Compiler, arguments: &[&str], known: PathBuf) -> Result<Vec<Outcome>> {
     let read = |argument: &&str| argument.split(':').map(fs::read).collect::<Result<Vec<_>, _>>();
     let shaders = arguments.iter().map(read).collect::<Result<Vec<_>, _>>()?;
@@ -146,6 +146,12 @@ fn compile(compiler: &Compiler, arguments: &[&str], known: PathBuf) -> Result<Ve
         .zip(arguments.iter().copied())
         .filter_map(is_new)
         .collect();
+    let kept = arguments.len() - new.len();
+    progress::note(format_args!(
+        "{}: {kept} of {} pipelines are known from earlier runs",
+        compiler.gpu,
+        arguments.len()
+    ));
     let mut compiled = compiler.compile(&new)?.into_iter();
     for (outcome, shaders) in outcomes.iter_mut().zip(&shaders) {
         if outcome.is_none() {

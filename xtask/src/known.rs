@@ -54,7 +54,10 @@ impl Known {
     /// Writes the file.
     pub fn save(self) -> Result<()> {
         let lines = self.now.iter().map(|(key, figures)| format!("{key}\t{figures}\n"));
-        fs::write(&self.file, lines.collect::<String>()).with_context(|| self.file.display().to_string())
+        // An interrupted run leaves the old file.
+        let new = self.file.with_extension("new");
+        let written = fs::write(&new, lines.collect::<String>()).and_then(|()| fs::rename(new, &self.file));
+        written.with_context(|| self.file.display().to_string())
     }
 }
 

@@ -146,8 +146,8 @@ impl Recipe {
             material.opaque_render_method = OpaqueRendererMethod::Deferred;
         }
         if material.specular_transmission > 0.0 {
-            // Bevy's glass sees only what is opaque, blurs what is behind rough glass, and reflects. Faces of it whose normals point away
-            // reflect ambient light whatever their reflectance.
+            // Bevy's glass shows only opaque objects behind it, blurs them if it is rough, and reflects. Its faces with normals that point
+            // away reflect ambient light at any reflectance.
             material.cull_mode = Some(Face::Back);
             material.alpha_mode = AlphaMode::Opaque;
             material.diffuse_transmission = 0.0;

@@ -147,7 +147,7 @@ fn a_camera_that_lacks_something_shows_an_ordinary_picture() {
         let off = shot(&mut app);
         app.world().entity_mut(camera).insert(RayTracedReflections::default());
         app.step(4);
-        // The plugin has added what it needs. Removes them again.
+        // The plugin has added the components. Removes them again.
         change(&mut app.world().entity_mut(camera));
         let on = shot(&mut app);
         assert_eq!(differing_pixels(&off, &on, 1), 0, "{name}");

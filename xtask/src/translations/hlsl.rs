@@ -87,6 +87,7 @@ impl RoundTrip {
             judged.extend(outcome.clone().map(|outcome| (pass.clone(), outcome)));
             outcome.is_none()
         });
+        let kept = judged.len();
         let new = tool.judge(passes, is_run)?;
         new.iter().for_each(|(pass, outcome)| known.add(pass.input(), outcome));
         known.save()?;
@@ -103,7 +104,7 @@ impl RoundTrip {
             }
         }
         progress::result(format_args!(
-            "HLSL: Slang got {compiled} passes, and {ran} passes of the presets ran beside naga's SPIR-V: {} failed",
+            "HLSL: Slang compiled {compiled} passes, and {ran} of them ran beside naga's SPIR-V: {} failed; {kept} are known from earlier runs",
             failures.len()
         ));
         ensure!(failures.is_empty(), "{}", failures.join("\n"));
