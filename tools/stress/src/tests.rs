@@ -197,8 +197,13 @@ fn faults_are_reported_and_the_app_keeps_running() {
         println!("{fault:?}: {verdict:?}");
         match verdict {
             Verdict::Skipped(reason) => skip(&reason),
-            Verdict::Failed(problems) => failures.push(format!("{fault:?}: {problems:#?}")),
-            Verdict::Passed(_) | Verdict::Upstream(_) | Verdict::Undecided(_) => {}
+            // Bevy doesn't always survive it.
+            Verdict::Upstream(_) if fault == Fault::DeviceLost => {}
+            // On the other devices, the plugin has to avoid what Bevy fails at.
+            Verdict::Failed(problems) | Verdict::Upstream(problems) => {
+                failures.push(format!("{fault:?}: {problems:#?}"));
+            }
+            Verdict::Passed(_) | Verdict::Undecided(_) => {}
         }
     }
     assert!(failures.is_empty(), "{}", failures.join("\n"));
