@@ -135,7 +135,7 @@ pub fn pack_material(material: &StandardMaterial) -> GpuMaterial {
             _ => -1.0,
         }),
         diffuse_share: (1.0 - diffuse_transmission(material)) * stopped_share(material),
-        lightmap_exposure: color(material.lightmap_exposure),
+        lightmap_exposure: color(material.lightmap_exposure * share_of_baked_light(material)),
         clearcoat: packed_clearcoat(material) | packed_tint(material),
         thickness: light_thickness(material),
         ior: index_of_refraction(material),
@@ -184,6 +184,15 @@ fn diffuse_transmission(material: &StandardMaterial) -> f32 {
         unit_or(material.diffuse_transmission, 0.0)
     } else {
         0.0
+    }
+}
+
+/// Fraction of baked light that isn't in the share of diffuse light: Bevy bakes it into the G-buffer before diffuse transmission is lost.
+fn share_of_baked_light(material: &StandardMaterial) -> f32 {
+    if is_drawn_forward(material) {
+        1.0
+    } else {
+        1.0 - unit_or(material.diffuse_transmission, 0.0)
     }
 }
 

@@ -199,6 +199,14 @@ fn a_table_knows_whether_light_comes_through_any_material() {
     assert_eq!((packed.emissive[3], packed.diffuse_share), (0.0, 1.0));
     table.write(index, packed);
     assert!(!table.has_diffuse_transmission(), "Bevy draws it without");
+    let baked = |diffuse_transmission| {
+        let material = StandardMaterial {
+            diffuse_transmission,
+            ..deferred.clone()
+        };
+        pack_material(&material).lightmap_exposure
+    };
+    assert_eq!(baked(0.75), 0.25 * baked(0.0), "but for baked light");
     let blended = StandardMaterial {
         alpha_mode: AlphaMode::Blend,
         ..deferred

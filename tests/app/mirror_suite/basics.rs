@@ -2,10 +2,13 @@
 
 use super::{Row, blue};
 use crate::stage::unlit;
-use bevy::{camera::visibility::RenderLayers, pbr::ScreenSpaceTransmission, prelude::*, render::render_resource::Face};
+use bevy::{
+    camera::visibility::RenderLayers, material::OpaqueRendererMethod, pbr::ScreenSpaceTransmission, prelude::*,
+    render::render_resource::Face,
+};
 use bevy_glint::ReflectionTechnique;
 
-pub(super) const ROWS: [Row; 31] = [
+pub(super) const ROWS: [Row; 32] = [
     ("unlit", |stage| stage.spawn(StandardMaterial { unlit: true, ..blue() })),
     ("directional light", |stage| stage.light_and_spawn(blue())),
     ("shadow of a directional light", |stage| {
@@ -149,6 +152,16 @@ pub(super) const ROWS: [Row; 31] = [
         stage.spawn(StandardMaterial {
             base_color: Color::linear_rgb(0.3, 2.5, 1.6),
             lightmap_exposure: 500.0,
+            ..blue()
+        });
+        stage.bake(&image);
+    }),
+    ("lightmap on a deferred surface that transmits light", |stage| {
+        let image = stage.checkers([255, 150, 40, 255], [20, 60, 200, 255], true);
+        stage.spawn(StandardMaterial {
+            diffuse_transmission: 0.7,
+            opaque_render_method: OpaqueRendererMethod::Deferred,
+            lightmap_exposure: 2000.0,
             ..blue()
         });
         stage.bake(&image);

@@ -142,6 +142,11 @@ impl Recipe {
             // Bevy's G-buffer has none.
             material.opaque_render_method = OpaqueRendererMethod::Forward;
         }
+        let is_forward = material.opaque_render_method == OpaqueRendererMethod::Forward;
+        if is_forward && matches!(material.alpha_mode, AlphaMode::AlphaToCoverage) {
+            // Bevy's prepass keeps what its forward pass cuts out, and nothing is drawn there.
+            material.alpha_mode = AlphaMode::Mask(0.5);
+        }
         if material.clearcoat > 0.0 {
             material.opaque_render_method = OpaqueRendererMethod::Deferred;
         }
