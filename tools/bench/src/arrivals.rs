@@ -9,14 +9,22 @@ use crate::{
     worlds::{SIZE, interval},
 };
 use bevy::prelude::*;
-use bevy_glint::{RayTracedReflections, RayTracedReflectionsPlugin, ReflectionStatus, ReflectionTracerChoice};
+use bevy_glint::{
+    RayTracedReflections, RayTracedReflectionsPlugin, ReflectionStatus, ReflectionStatusReport, ReflectionTracerChoice,
+    ReflectionUploadBudget,
+};
 use glint_scenes::{HeadlessApp, HeadlessSettings, SystemClock};
-use std::time::Instant;
+use std::{
+    thread,
+    time::{Duration, Instant},
+};
 
 /// Sectors and stacks of a sphere of 65,000 triangles.
 const SPHERE: [u32; 2] = [256, 128];
 /// Number of these meshes, and number of measurements.
-const CASES: [(&str, usize, usize); 2] = [("3 M triangles arrive", 46, 4), ("10 M triangles arrive", 154, 4)];
+const CASES: [(&str, usize, usize); 2] = [("3 M triangles arrive", 46, 4), ("10 M triangles arrive", LEVEL, 4)];
+/// The name of the table by budget.
+const LEVELS: &str = "levels that arrive at once";
 /// Milliseconds.
 const LIMIT: f64 = 8.0;
 /// Frames from one mesh to the next.
@@ -28,7 +36,15 @@ const PAGE: usize = 4096;
 /// Frames after the last mesh, in which trees over objects are built.
 const AFTERMATH: u32 = 60;
 
+/// Meshes of a level that arrives at once: 10 million triangles.
+const LEVEL: usize = 154;
+/// Its budgets, in MiB per frame. The first one is the default.
+const BUDGETS: [u64; 3] = [2, 16, 64];
+/// Shortest frame.
+const FRAME: Duration = Duration::from_micros(16_667);
+
 /// Frames of one arrival.
+#[derive(Default)]
 struct Arrival {
     /// Milliseconds of each.
     frames: Vec<f64>,
@@ -68,6 +84,9 @@ pub fn measure(tracer: ReflectionTracerChoice, only: Option<&str>, csv: &mut Csv
             with.push(arrive(Some(tracer), *meshes)?);
         }
         print_row(name, &without, &with, csv);
+    }
+    if only.is_none_or(|word| LEVELS.contains(word)) {
+        measure_levels(tracer, csv)?;
     }
     Ok(())
 }
@@ -115,76 +134,107 @@ fn warm_memory() {
     core::hint::black_box(&memory);
 }
 
-/// Has meshes arrive one after the other while the camera moves.
-fn arrive(tracer: Option<ReflectionTracerChoice>, count: usize) -> Result<Arrival, String> {
-    warm_memory();
-    let clock = SystemClock::default();
-    let settings = HeadlessSettings {
-        size: SIZE,
-        ..default()
-    };
-    let mut app = HeadlessApp::new(settings, |app| {
-        if let Some(tracer) = tracer {
-            clock.add_plugin(app, RayTracedReflectionsPlugin { tracer, ..default() });
+/// An app in which meshes arrive.
+struct Stage {
+    app: HeadlessApp,
+    clock: SystemClock,
+    camera: Entity,
+    material: Handle<StandardMaterial>,
+    sphere: Mesh,
+    spawned: usize,
+}
+
+impl Stage {
+    /// Opens an app with one mesh that is there already.
+    fn open(tracer: Option<ReflectionTracerChoice>) -> Result<Self, String> {
+        warm_memory();
+        let clock = SystemClock::default();
+        let settings = HeadlessSettings {
+            size: SIZE,
+            ..default()
+        };
+        let mut app = HeadlessApp::new(settings, |app| {
+            if let Some(tracer) = tracer {
+                clock.add_plugin(app, RayTracedReflectionsPlugin { tracer, ..default() });
+            }
+        })
+        .map_err(|error| error.to_string())?;
+        let camera = app.spawn_camera(Transform::default());
+        let [sectors, stacks] = SPHERE;
+        let mut stage = Self {
+            camera,
+            material: app.world().resource_mut::<Assets<StandardMaterial>>().add(Color::WHITE),
+            sphere: Sphere::new(1.0).mesh().uv(sectors, stacks),
+            app,
+            clock,
+            spawned: 0,
+        };
+        stage.spawn();
+        if tracer.is_some() {
+            let world = stage.app.world();
+            world.entity_mut(camera).insert(RayTracedReflections::default());
         }
-    })
-    .map_err(|error| error.to_string())?;
-    let camera = app.spawn_camera(Transform::default());
-    let material = app.world().resource_mut::<Assets<StandardMaterial>>().add(Color::WHITE);
-    let [sectors, stacks] = SPHERE;
-    let sphere = Sphere::new(1.0).mesh().uv(sectors, stacks);
-    let spawn = |app: &mut HeadlessApp, index: usize| {
-        let world = app.world();
-        let mesh = world.resource_mut::<Assets<Mesh>>().add(sphere.clone());
-        // Behind the camera.
-        let place = Transform::from_xyz(3.0 * index as f32, 0.0, 10.0);
-        world.spawn((Mesh3d(mesh), MeshMaterial3d(material.clone()), place));
-    };
-    spawn(&mut app, count);
-    if tracer.is_some() {
-        app.world().entity_mut(camera).insert(RayTracedReflections::default());
-    }
-    app.warm_up(FRAME_LIMIT).map_err(|error| error.to_string())?;
-    app.step(4);
-    if let Some(status) = app.world().get_resource::<ReflectionStatus>() {
-        let report = status.report();
-        if report.tracer.is_none() {
-            return Err(format!("rays can't be traced: {}", report.reasons.join(". ")));
+        stage.app.warm_up(FRAME_LIMIT).map_err(|error| error.to_string())?;
+        stage.app.step(4);
+        match stage.report() {
+            Some(report) if report.tracer.is_none() => {
+                Err(format!("rays can't be traced: {}", report.reasons.join(". ")))
+            }
+            _ => Ok(stage),
         }
     }
-    let mut arrival = Arrival {
-        frames: Vec::new(),
-        plugin: 0.0,
-        seconds: 0.0,
-        left_out: 0,
-    };
-    let (begin, mut spawned, mut after) = (Instant::now(), 0, 0);
-    while after < AFTERMATH {
-        let frame = arrival.frames.len() as u32;
-        if frame > FRAME_LIMIT {
-            let status = app.world().get_resource::<ReflectionStatus>();
-            let report = status.map(ReflectionStatus::report);
+
+    /// The next object, behind the camera and farther away.
+    fn spawn(&mut self) {
+        let world = self.app.world();
+        let mesh = world.resource_mut::<Assets<Mesh>>().add(self.sphere.clone());
+        let place = Transform::from_xyz(3.0 * self.spawned as f32, 0.0, 10.0);
+        world.spawn((Mesh3d(mesh), MeshMaterial3d(self.material.clone()), place));
+        self.spawned += 1;
+    }
+
+    fn report(&mut self) -> Option<ReflectionStatusReport> {
+        self.app
+            .world()
+            .get_resource::<ReflectionStatus>()
+            .map(ReflectionStatus::report)
+    }
+
+    /// Renders a frame. Returns whether all objects can be hit that find room.
+    fn step(&mut self, arrival: &mut Arrival) -> Result<bool, String> {
+        if arrival.frames.len() as u32 > FRAME_LIMIT {
             return Err(format!(
-                "the meshes have not arrived after {FRAME_LIMIT} frames: {report:?}"
+                "the meshes have not arrived after {FRAME_LIMIT} frames: {:?}",
+                self.report()
             ));
         }
-        if spawned < count && frame.is_multiple_of(PACE) {
-            spawn(&mut app, spawned);
-            spawned += 1;
-        }
-        if let Some(mut transform) = app.world().get_mut::<Transform>(camera) {
+        if let Some(mut transform) = self.app.world().get_mut::<Transform>(self.camera) {
             transform.translation.x += 0.01;
         }
-        arrival.step(&mut app, &clock)?;
-        let complete = match app.world().get_resource::<ReflectionStatus>() {
-            None => true,
-            Some(status) => {
-                let report = status.report();
-                arrival.left_out = report.meshes_without_room;
-                report.ready && report.meshes_pending == 0 && report.instances + arrival.left_out == count + 1
-            }
-        };
-        if spawned == count && complete {
+        self.clock.take();
+        let begin = Instant::now();
+        self.app.step(1);
+        arrival.frames.push(begin.elapsed().as_secs_f64() * 1e3);
+        let plugin = self.clock.take().iter().map(|(_, milliseconds)| milliseconds).sum();
+        arrival.plugin = arrival.plugin.max(plugin);
+        self.app.wait_until_idle().map_err(|error| error.to_string())?;
+        Ok(self.report().is_none_or(|report| {
+            arrival.left_out = report.meshes_without_room;
+            report.ready && report.meshes_pending == 0 && report.instances + arrival.left_out == self.spawned
+        }))
+    }
+}
+
+/// Has meshes arrive one after the other while the camera moves.
+fn arrive(tracer: Option<ReflectionTracerChoice>, count: usize) -> Result<Arrival, String> {
+    let mut stage = Stage::open(tracer)?;
+    let mut arrival = Arrival::default();
+    let (begin, mut after) = (Instant::now(), 0);
+    while after < AFTERMATH {
+        if stage.spawned <= count && (arrival.frames.len() as u32).is_multiple_of(PACE) {
+            stage.spawn();
+        }
+        if stage.step(&mut arrival)? && stage.spawned > count {
             after += 1;
         } else {
             arrival.seconds = begin.elapsed().as_secs_f64();
@@ -193,14 +243,46 @@ fn arrive(tracer: Option<ReflectionTracerChoice>, count: usize) -> Result<Arriva
     Ok(arrival)
 }
 
-impl Arrival {
-    fn step(&mut self, app: &mut HeadlessApp, clock: &SystemClock) -> Result<(), String> {
-        clock.take();
-        let begin = Instant::now();
-        app.step(1);
-        self.frames.push(begin.elapsed().as_secs_f64() * 1e3);
-        let plugin = clock.take().iter().map(|(_, milliseconds)| milliseconds).sum();
-        self.plugin = self.plugin.max(plugin);
-        app.wait_until_idle().map_err(|error| error.to_string())
+/// Has all meshes arrive in one frame of an app with 60 frames per second.
+fn arrive_at_once(tracer: ReflectionTracerChoice, bytes_per_frame: u64) -> Result<Arrival, String> {
+    let mut stage = Stage::open(Some(tracer))?;
+    let budget = ReflectionUploadBudget { bytes_per_frame };
+    stage.app.world().insert_resource(budget);
+    for _ in 0..LEVEL {
+        stage.spawn();
     }
+    let mut arrival = Arrival::default();
+    let begin = Instant::now();
+    while !stage.step(&mut arrival)? {
+        let next = begin + FRAME * arrival.frames.len() as u32;
+        thread::sleep(next.saturating_duration_since(Instant::now()));
+    }
+    arrival.seconds = begin.elapsed().as_secs_f64();
+    Ok(arrival)
+}
+
+/// Measures and prints how long a level takes, by the budget for uploads.
+fn measure_levels(tracer: ReflectionTracerChoice, csv: &mut Csv) -> Result<(), String> {
+    println!("\nA level of 10 M triangles that arrives in one frame (tracer: {tracer:?}), by the bytes per frame.\n");
+    println!("| MiB per frame | seconds | frames | longest frame after the first ms | median frame ms |");
+    println!("| ---: | ---: | ---: | ---: | ---: |");
+    for mebibytes in BUDGETS {
+        let arrival = arrive_at_once(tracer, mebibytes << 20)?;
+        // In the first one, Bevy copies all meshes.
+        let later = &arrival.frames[1..];
+        let of = |share| quantile(later, share).unwrap_or_default();
+        let (longest, median) = (of(1.0), of(0.5));
+        let (seconds, frames) = (arrival.seconds, arrival.frames.len());
+        println!("| {mebibytes} | {seconds:.2} | {frames} | {longest:.1} | {median:.1} |");
+        let name = format!("a level with {mebibytes} MiB per frame");
+        for (measure, value, unit) in [
+            ("seconds", seconds, "s"),
+            ("frames", frames as f64, "frames"),
+            ("longest", longest, "ms"),
+            ("median", median, "ms"),
+        ] {
+            csv.add(&name, "cpu", &format!("level_{measure}"), value, unit);
+        }
+    }
+    Ok(())
 }

@@ -6,20 +6,15 @@
 mod setup;
 
 use crate::table::{Csv, number};
-use bevy::math::UVec2;
 use bevy_glint::{ReflectionTracer, ReflectionTracerChoice};
-use setup::{Round, Setup};
+pub use setup::SIZE;
+use setup::{COARSE, Change, FINE, Round, Setup, World};
 use std::collections::BTreeMap;
 
-pub const SIZE: UVec2 = UVec2::new(16, 16);
 const INSTANCES: usize = 100_000;
 const MOVERS: usize = 10_000;
 const MOVING_LIGHTS: usize = 100;
 const MATERIALS: usize = 10_000;
-/// Subdivisions of the spheres of large worlds: 320 triangles each. Merged trees have room for a small part of them.
-const FINE: u32 = 3;
-/// Subdivisions of the spheres that fill one merged tree: 80 triangles each.
-const COARSE: u32 = 1;
 const IN_A_CHUNK: usize = 13_100;
 /// Spheres of 20 triangles each, all of which share one merged tree.
 const MERGED: usize = 40_000;
@@ -36,58 +31,6 @@ struct Case {
     change: Change,
     /// Milliseconds.
     limit: Option<f64>,
-}
-
-#[derive(Clone, Copy, PartialEq)]
-enum World {
-    /// This number of spheres with this number of subdivisions.
-    Spheres(usize, u32),
-    /// This number of spheres, each with its own material.
-    Materials(usize),
-    /// With a few spheres.
-    Lights,
-    /// This number of spheres, and a ghost with a mesh and a blended material of its own.
-    Haunted(usize),
-    /// This number of spheres with a visibility range.
-    Ranged(usize),
-    /// This number of blended spheres.
-    SeeThrough(usize),
-    /// This number of spheres, each with its own material, and one with a material that has a shader of its own.
-    Stylised(usize),
-}
-
-#[derive(Clone, Copy, PartialEq)]
-enum Change {
-    Nothing,
-    /// This number of objects, the same in each frame.
-    Objects(usize),
-    /// This number of lights, the same in each frame.
-    Lights(usize),
-    /// The first material, which many objects can share.
-    Material,
-    /// An object that was static so far, a different one in each round.
-    Touch,
-    /// All objects and the camera move by one vector, once in each round.
-    Shift,
-    /// This number of objects each move by their own vector, once in each round.
-    Explosion(usize),
-    /// The alpha of the ghost.
-    Fade,
-    /// The mesh of the ghost.
-    Edit,
-    /// This number of lights go dark and come back.
-    Flicker(usize),
-    /// A light with render layers comes or goes.
-    Flash,
-    /// The camera moves by a centimetre.
-    Camera,
-}
-
-impl Change {
-    /// It happens once in each round.
-    fn is_rare(self) -> bool {
-        matches!(self, Self::Touch | Self::Shift | Self::Explosion(_))
-    }
 }
 
 const CASES: [Case; 19] = [

@@ -1,6 +1,5 @@
 //! An app with a world of the table, and changes in it.
 
-use super::{COARSE, Change, FINE, SIZE, World};
 use bevy::{
     asset::uuid_handle,
     camera::visibility::{RenderLayers, VisibilityRange},
@@ -15,6 +14,11 @@ use bevy_glint::{
 use glint_scenes::{HeadlessApp, HeadlessSettings, SystemClock};
 use std::collections::BTreeMap;
 
+pub const SIZE: UVec2 = UVec2::new(16, 16);
+/// Subdivisions of the spheres of large worlds: 320 triangles each. Merged trees have room for a small part of them.
+pub const FINE: u32 = 3;
+/// Subdivisions of the spheres that fill one merged tree: 80 triangles each.
+pub const COARSE: u32 = 1;
 const LIGHTS: usize = 1_000;
 /// Meshes and materials that objects share.
 const KINDS: usize = 16;
@@ -25,6 +29,58 @@ const AFTERMATH: u32 = 4;
 /// Consecutive frames without builds after which the world is static.
 const QUIET_FRAMES: u32 = 40;
 const FRAME_LIMIT: u32 = 20_000;
+
+#[derive(Clone, Copy, PartialEq)]
+pub enum World {
+    /// This number of spheres with this number of subdivisions.
+    Spheres(usize, u32),
+    /// This number of spheres, each with its own material.
+    Materials(usize),
+    /// With a few spheres.
+    Lights,
+    /// This number of spheres, and a ghost with a mesh and a blended material of its own.
+    Haunted(usize),
+    /// This number of spheres with a visibility range.
+    Ranged(usize),
+    /// This number of blended spheres.
+    SeeThrough(usize),
+    /// This number of spheres, each with its own material, and one with a material that has a shader of its own.
+    Stylised(usize),
+}
+
+#[derive(Clone, Copy, PartialEq)]
+pub enum Change {
+    Nothing,
+    /// This number of objects, the same in each frame.
+    Objects(usize),
+    /// This number of lights, the same in each frame.
+    Lights(usize),
+    /// The first material, which many objects can share.
+    Material,
+    /// An object that was static so far, a different one in each round.
+    Touch,
+    /// All objects and the camera move by one vector, once in each round.
+    Shift,
+    /// This number of objects each move by their own vector, once in each round.
+    Explosion(usize),
+    /// The alpha of the ghost.
+    Fade,
+    /// The mesh of the ghost.
+    Edit,
+    /// This number of lights go dark and come back.
+    Flicker(usize),
+    /// A light with render layers comes or goes.
+    Flash,
+    /// The camera moves by a centimetre.
+    Camera,
+}
+
+impl Change {
+    /// It happens once in each round.
+    fn is_rare(self) -> bool {
+        matches!(self, Self::Touch | Self::Shift | Self::Explosion(_))
+    }
+}
 
 /// Milliseconds of a frame, on average.
 pub struct Round {
