@@ -4,6 +4,7 @@
 //! in both translations. `cargo xtask isa` has AMD's compiler. Their input comes from the test `every_variant_is_translated`.
 
 mod hlsl;
+mod image;
 mod packages;
 mod tint;
 
@@ -73,11 +74,17 @@ pub struct Options {
     /// Use the shaders from the last run of the tests.
     #[arg(long)]
     translated: bool,
+    /// Only render the demo with its compute shaders by way of HLSL, and compare the image.
+    #[arg(long, conflicts_with_all = ["all", "translated"])]
+    image: bool,
 }
 
 /// Translates the shaders and judges them. A compiler that can't be had is skipped.
 pub fn run(options: &Options) -> Result<()> {
     driver::prepare(Need::RayQuery)?;
+    if options.image {
+        return image::compare(&packages::slang()?);
+    }
     if !options.translated {
         progress::step("translate the shaders", translate)?;
     }

@@ -2,6 +2,7 @@
 //!
 //! `glint_roundtrip compile LIBRARY FOLDER NAME...` compiles `NAME.hlsl` with Slang, and writes the SPIR-V to the folder.
 //! `glint_roundtrip run FOLDER NAME...` runs that SPIR-V and naga's own, `NAME.spv`, with the same inputs, and compares all outputs.
+//! `glint_roundtrip flip EXPECTED ACTUAL` prints the mean FLIP between two images. `layer.rs` makes images with the shaders of DirectX.
 //! A name is a path without its suffix, such as `translations/trace-blocks+MIRRORS.trace`.
 //!
 //! The first line is the name of the compiler or of the device, and each following line has the outcome for an argument, as
@@ -9,6 +10,7 @@
 
 mod compare;
 mod device;
+mod flip;
 mod objects;
 mod pass;
 mod resources;
@@ -41,7 +43,11 @@ fn main() -> Result<()> {
             let gpu = Gpu::open()?;
             report(&gpu.vulkan.name, names, |name| run(&gpu, Path::new(folder), name))
         }
-        _ => bail!("compile LIBRARY FOLDER NAME..., or run FOLDER NAME..."),
+        [command, expected, actual] if command == "flip" => {
+            println!("{:.5}", flip::mean(Path::new(expected), Path::new(actual))?);
+            Ok(())
+        }
+        _ => bail!("compile LIBRARY FOLDER NAME..., run FOLDER NAME..., or flip EXPECTED ACTUAL"),
     }
 }
 

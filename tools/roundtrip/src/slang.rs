@@ -3,7 +3,7 @@
 use anyhow::{Context, Result, bail, ensure};
 use ash::vk;
 use libloading::{Library, Symbol};
-use std::collections::HashSet;
+use std::collections::{HashMap, HashSet};
 use std::ffi::{CStr, CString, c_char, c_int, c_void};
 use std::path::Path;
 use std::ptr;
@@ -17,13 +17,33 @@ const OPTIONS: &str = "-emit-spirv-directly -capability spirv_1_5 -fvk-use-entry
     -fvk-b-shift 0 all -fvk-t-shift 0 all -fvk-u-shift 0 all -fvk-s-shift 0 all";
 
 /// Replaces what Slang doesn't know. Constants with a sampler that is looked up in a heap become samplers with a register, the one in the
-/// index. Vectors that are stored to textures with one component become scalars, which other compilers do themselves.
+/// index, and arrays of them become arrays. Vectors that are stored to textures with one component become scalars, which other compilers do
+/// themselves.
 pub fn prepare(source: &str) -> String {
     let scalars: HashSet<_> = source.lines().filter_map(scalar_texture).collect();
+    let arrays: HashMap<_, _> = source
+        .lines()
+        .filter_map(|line| heap_use(line).map(|found| (found.name, found.group)))
+        .collect();
     let mut text = String::with_capacity(source.len());
     for line in source.lines() {
         if let Some((kind, name, group, register)) = sampler(line) {
             text.push_str(&format!("{kind} {name} : register(s{register}, space{group});\n"));
+        } else if let Some((name, register)) = constant(line)
+            && let Some(group) = arrays.get(name)
+        {
+            text.push_str(&format!(
+                "SamplerState {name}[] : register(s{register}, space{group});\n"
+            ));
+        } else if let Some(HeapUse {
+            before,
+            name,
+            index,
+            after,
+            ..
+        }) = heap_use(line)
+        {
+            text.push_str(&format!("{before}{name}[NonUniformResourceIndex({index})]{after}\n"));
         } else if let Some((target, value)) = store(line, &scalars) {
             text.push_str(&format!("{target} = ({value}).x;\n"));
         } else {
@@ -32,6 +52,43 @@ pub fn prepare(source: &str) -> String {
         }
     }
     text
+}
+
+/// A sampler that is taken from the heap by an index in an array.
+#[derive(Debug, PartialEq)]
+struct HeapUse<'a> {
+    before: &'a str,
+    /// The constant with the array's first index.
+    name: &'a str,
+    group: u32,
+    index: &'a str,
+    after: &'a str,
+}
+
+/// Finds `nagaSamplerHeap[NonUniformResourceIndex(nagaGroup1SamplerIndexArray[first + index])]`.
+fn heap_use(line: &str) -> Option<HeapUse<'_>> {
+    let (before, rest) = line.split_once("nagaSamplerHeap[NonUniformResourceIndex(nagaGroup")?;
+    let (group, rest) = rest.split_once("SamplerIndexArray[")?;
+    let (name, rest) = rest.split_once(" + ")?;
+    let mut depth = 0;
+    let end = rest.find(|letter| {
+        depth += i32::from(letter == '[') - i32::from(letter == ']');
+        depth < 0
+    })?;
+    let (index, after) = rest.split_at(end);
+    Some(HeapUse {
+        before,
+        name,
+        group: group.parse().ok()?,
+        index,
+        after: after.strip_prefix("])]")?,
+    })
+}
+
+/// Name and value of `static const uint a = 7;`.
+fn constant(line: &str) -> Option<(&str, u32)> {
+    let (name, value) = line.strip_prefix("static const uint ")?.split_once(" = ")?;
+    Some((name, value.strip_suffix(';')?.parse().ok()?))
 }
 
 /// The name of a texture with one component that can be written.
@@ -228,6 +285,19 @@ mod tests {
         ] {
             assert_eq!(sampler(other), None, "{other}");
         }
+    }
+
+    #[test]
+    fn arrays_of_samplers_become_arrays() {
+        let source = "static const uint samplers = 7;
+static const uint other = 8;
+    c = t[i].SampleLevel(nagaSamplerHeap[NonUniformResourceIndex(nagaGroup1SamplerIndexArray[samplers + min(a[2], 31u)])], uv);
+";
+        let expected = "SamplerState samplers[] : register(s7, space1);
+static const uint other = 8;
+    c = t[i].SampleLevel(samplers[NonUniformResourceIndex(min(a[2], 31u))], uv);
+";
+        assert_eq!(prepare(source), expected);
     }
 
     #[test]

@@ -8,6 +8,7 @@ use crate::{
     source::Source,
 };
 use bevy::{
+    diagnostic::FrameCount,
     light::{DirectionalLightShadowMap, PointLightShadowMap},
     prelude::*,
 };
@@ -90,6 +91,8 @@ pub fn headless_app(arguments: &Arguments, size: UVec2, timestep: Duration) -> R
 /// Renders frames once everything is ready; `is_still` stops the clock.
 fn render(app: &mut HeadlessApp, source: &Source, is_still: bool, frames: u32) -> Result<Vec<u8>, String> {
     wait_until_ready(app, source)?;
+    // The same noise in each image, however many frames that took.
+    app.world().resource_mut::<FrameCount>().0 = 0;
     if is_still {
         app.world().resource_mut::<Time<Virtual>>().pause();
     }
