@@ -43,8 +43,8 @@ use core::time::Duration;
 /// Time after which a camera gets its prepasses even if some pipelines still wait, such as those of a shader that never loads. A longer time
 /// keeps such a camera without reflections; a shorter one lets objects vanish on devices that compile slowly. Not tuned.
 const PATIENCE: Duration = Duration::from_secs(30);
-/// Longest wait in the frame in which a camera becomes HDR. Bevy shows nothing without tone mapping, so that a shorter wait gives black frames
-/// on devices that compile slowly. A longer one can freeze the app if a driver never finishes. Not tuned.
+/// Longest wait in the frame in which a camera becomes HDR. A shorter one shows frames without tone mapping or sky on devices that compile
+/// slowly: one second was too short on two busy cores without caches. A longer one freezes that frame for longer. Not tuned.
 const LONGEST_WAIT: Duration = Duration::from_secs(5);
 /// No other view of a camera has this number.
 const AHEAD: u32 = u32::MAX;

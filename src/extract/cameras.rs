@@ -71,7 +71,7 @@ impl CameraQueryItem<'_, '_> {
         has_prepasses && self.hdr && !self.screen_space && self.msaa.is_none_or(|msaa| *msaa == Msaa::Off)
     }
 
-    /// Returns whether Bevy still compiles what the camera shows, before the camera gets its prepasses.
+    /// Returns whether the camera waits for its prepasses, while Bevy compiles what it shows.
     fn awaits_prepasses(&self) -> bool {
         self.request.is_some() && !(self.hdr && self.depth && self.deferred && self.normal)
     }

@@ -187,7 +187,8 @@ fn diffuse_transmission(material: &StandardMaterial) -> f32 {
     }
 }
 
-/// Fraction of baked light that isn't in the share of diffuse light: Bevy bakes it into the G-buffer before diffuse transmission is lost.
+/// Fraction of baked light that a deferred material doesn't transmit. Bevy dims baked light before it loses the diffuse transmission, so that
+/// the share of diffuse light doesn't contain this factor.
 fn share_of_baked_light(material: &StandardMaterial) -> f32 {
     if is_drawn_forward(material) {
         1.0

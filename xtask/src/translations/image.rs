@@ -17,7 +17,7 @@ const LIBRARY: &str = "libglint_layer.so";
 const SCENE: &str = "--headless --scene demo --tracer bvh --backend compute --size 640x360 --frames 48";
 /// Most of the mean FLIP between both images.
 const LIMIT: f32 = 0.002;
-/// Least number of shaders that go there and back, of 45. The others can't be read from SPIR-V, or need constants that wgpu places.
+/// Least number of shaders that go there and back: 41 of 54 did. The others can't be read from SPIR-V, or need constants that wgpu places.
 const LEAST: usize = 40;
 
 /// Renders the demo with both translations and compares the images. `slang` is the compiler's library.
