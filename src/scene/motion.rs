@@ -1,6 +1,6 @@
 //! The motion of an object since the last frame, in two words: `motion.wesl` reads them.
 
-use bevy::math::{Mat3, Vec3, ops};
+use bevy::math::{Mat3, Vec3};
 
 /// Value of the first word if the motion is unknown. No packed vector has this value.
 pub const UNKNOWN_MOTION: u32 = 0x100;
@@ -11,7 +11,7 @@ pub const POSED_MOTION: u32 = 1 << 31;
 /// Largest value of a component.
 const LARGEST_COMPONENT: f32 = 255.0;
 /// Exponent of the smallest step.
-const LEAST_EXPONENT: f32 = -24.0;
+const LEAST_EXPONENT: i32 = -24;
 /// Maximum error of a point's motion, relative to its distance from the origin: objects that grow, or rotate by more than ten degrees in
 /// a frame, exceed it. A higher value reprojects history to wrong positions.
 const LARGEST_REST: f32 = 0.02;
@@ -19,19 +19,47 @@ const LARGEST_REST: f32 = 0.02;
 /// The motion of an object between two matrices, given by rows: displacement of its origin in metres, and rotation about it in radians
 /// along the axis. If the object has grown or rotated far, its motion is unknown. Meshes far from their origin lose precision when they
 /// rotate.
+///
+/// Written out, since this runs for each moving object, and the compiler doesn't reliably inline closures over arrays.
+#[inline]
 pub fn pack_motion(
     world_from_object: &[[f32; 4]; 3],
     before: &[[f32; 4]; 3],
     object_from_world: &[[f32; 4]; 3],
 ) -> [u32; 2] {
-    let origin = |rows: &[[f32; 4]; 3]| Vec3::from_array(rows.map(|row| row[3]));
-    let linear = |rows: &[[f32; 4]; 3]| {
-        let [x, y, z] = rows.map(|[x, y, z, _]| Vec3::new(x, y, z));
-        Mat3::from_cols(x, y, z).transpose()
-    };
     let translation = origin(world_from_object) - origin(before);
+    let Some(turn) = rotation(world_from_object, before, object_from_world) else {
+        return [UNKNOWN_MOTION, 0];
+    };
+    let words = [pack_vector(translation), pack_vector(turn)];
+    if translation.is_finite() && words[1] & POSED_MOTION == 0 {
+        words
+    } else {
+        [UNKNOWN_MOTION, 0]
+    }
+}
+
+#[inline]
+fn origin(rows: &[[f32; 4]; 3]) -> Vec3 {
+    Vec3::new(rows[0][3], rows[1][3], rows[2][3])
+}
+
+#[inline]
+fn linear(rows: &[[f32; 4]; 3]) -> Mat3 {
+    let [[a, b, c, _], [d, e, f, _], [g, h, i, _]] = *rows;
+    Mat3::from_cols(Vec3::new(a, d, g), Vec3::new(b, e, h), Vec3::new(c, f, i))
+}
+
+/// Rotation between two matrices; `None` if they differ by more than a small one.
+#[inline]
+fn rotation(now: &[[f32; 4]; 3], before: &[[f32; 4]; 3], object_from_world: &[[f32; 4]; 3]) -> Option<Vec3> {
+    let before = linear(before);
+    // Most objects only change their place.
+    if linear(now) == before {
+        return Some(Vec3::ZERO);
+    }
     // A point at p from the origin was at `earlier * p`; a small rotation by w has moved it by w x p.
-    let earlier = linear(before) * linear(object_from_world);
+    let earlier = before * linear(object_from_world);
     let moved = Mat3::IDENTITY - earlier;
     let turn = 0.5
         * Vec3::new(
@@ -41,43 +69,44 @@ pub fn pack_motion(
         );
     // `turn` as a matrix.
     let turned = Mat3::from_cols(turn.cross(Vec3::X), turn.cross(Vec3::Y), turn.cross(Vec3::Z));
-    let rest = (moved - turned)
-        .to_cols_array()
-        .map(f32::abs)
-        .into_iter()
-        .fold(0.0, f32::max);
-    let words = [translation, turn].map(pack_vector);
-    // Also false for NaN, which `fold` ignores.
-    if translation.is_finite() && moved.is_finite() && rest <= LARGEST_REST && words[1] & POSED_MOTION == 0 {
-        words
-    } else {
-        [UNKNOWN_MOTION, 0]
-    }
+    let rest = moved - turned;
+    let rest = (rest.x_axis.abs())
+        .max(rest.y_axis.abs())
+        .max(rest.z_axis.abs())
+        .max_element();
+    // Maxima ignore NaN.
+    (moved.is_finite() && rest <= LARGEST_REST).then_some(turn)
 }
 
 /// Packs a vector as three signed numbers of 9 bits with one exponent.
+#[inline]
 pub fn pack_vector(v: Vec3) -> u32 {
-    let largest = v.abs().max_element().max(1e-30);
-    let exponent = ops::log2(largest / LARGEST_COMPONENT)
-        .ceil()
-        .clamp(LEAST_EXPONENT, LEAST_EXPONENT + 31.0);
-    let limit = Vec3::splat(LARGEST_COMPONENT);
-    let steps = (v * ops::exp2(-exponent)).clamp(-limit, limit).round();
-    let [x, y, z] = steps.to_array().map(|step| step as i32 as u32 & 0x1ff);
-    x | y << 9 | z << 18 | ((exponent - LEAST_EXPONENT) as u32) << 27
+    let largest = v.abs().max_element() / LARGEST_COMPONENT;
+    // The exponent of the next power of two.
+    let bits = largest.to_bits();
+    let exponent = (bits >> 23) as i32 - 127 + i32::from(bits & 0x7f_ffff != 0);
+    let exponent = exponent.clamp(LEAST_EXPONENT, LEAST_EXPONENT + 31);
+    let scale = f32::from_bits(((127 - exponent) as u32) << 23);
+    let bits = |value: f32| {
+        let step = (value * scale).clamp(-LARGEST_COMPONENT, LARGEST_COMPONENT);
+        // Rounds to the nearest number.
+        (step + 0.5_f32.copysign(step)) as i32 as u32 & 0x1ff
+    };
+    bits(v.x) | bits(v.y) << 9 | bits(v.z) << 18 | ((exponent - LEAST_EXPONENT) as u32) << 27
 }
 
 /// The vector that [`pack_vector`] packed.
 #[cfg(test)]
 pub fn unpack_vector(word: u32) -> Vec3 {
     let step = |shift: u32| ((word << (23 - shift)) as i32 >> 23) as f32;
-    Vec3::new(step(0), step(9), step(18)) * ops::exp2((word >> 27) as f32 + LEAST_EXPONENT)
+    Vec3::new(step(0), step(9), step(18)) * ops::exp2((word >> 27) as f32 + LEAST_EXPONENT as f32)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::scene::{acceleration::rows, bvh::invert};
+    use bevy::math::ops;
     use bevy::math::{Affine3A, EulerRot, Quat};
 
     #[test]
@@ -91,7 +120,10 @@ mod tests {
             }
         }
         assert_eq!(unpack_vector(pack_vector(Vec3::ZERO)), Vec3::ZERO);
-        assert_eq!(unpack_vector(UNKNOWN_MOTION).x, -256.0 * ops::exp2(LEAST_EXPONENT));
+        assert_eq!(
+            unpack_vector(UNKNOWN_MOTION).x,
+            -256.0 * ops::exp2(LEAST_EXPONENT as f32)
+        );
     }
 
     #[test]
