@@ -24,9 +24,13 @@
 
 mod slice_allocator;
 
+use super::{
+    scatter::{Scatter, ScatterKernels},
+    upload::runs,
+};
 use crate::device::{MemoryRetry, try_allocate};
 use bevy::render::{
-    render_resource::{Buffer, BufferDescriptor, BufferUsages, CommandEncoderDescriptor},
+    render_resource::{Buffer, BufferDescriptor, BufferUsages, CommandEncoderDescriptor, PipelineCache},
     renderer::{RenderDevice, RenderQueue},
 };
 use core::ops::Range;
@@ -38,6 +42,10 @@ pub use slice_allocator::ArenaSlice;
 
 /// Minimum number of bytes copied to a replacement per frame: a few milliseconds on a CPU driver.
 const LEAST_PART: u64 = 4 << 20;
+/// Number of units up to which [`Arena::clear_units`] sorts them to find runs.
+const MOST_SORTED: usize = 4096;
+/// Maximum number of runs that it clears without a kernel, which has a fixed cost.
+const FEW_WRITES: usize = 32;
 /// Frames that it takes to replace a large buffer.
 const PARTS: u64 = 32;
 
@@ -76,6 +84,8 @@ pub struct Arena {
     may_ask_again: bool,
     generation: u64,
     stranded: Stranded,
+    /// Clears many units, once its kernel is compiled.
+    scatter: Option<Scatter>,
 }
 
 /// Slices that should move in this frame.
@@ -143,6 +153,7 @@ impl Arena {
             may_ask_again: false,
             generation: next_id(),
             stranded: Stranded::default(),
+            scatter: None,
         }
     }
 
@@ -289,6 +300,65 @@ impl Arena {
             let copied = words.len().min(((done - offset) / 4) as usize);
             queue.write_buffer(buffer, offset, bytemuck::cast_slice(&words[..copied]));
         }
+    }
+
+    /// Takes over the kernel for [`Self::clear_units`]. Units must be multiples of four words.
+    pub fn follow_kernel(&mut self, kernels: &ScatterKernels, cache: &PipelineCache) {
+        if self.scatter.is_none() {
+            self.scatter = kernels.scatter(4 * self.allocator.unit_words as usize, cache);
+        }
+    }
+
+    /// Returns whether [`Self::clear_units`] needs few writes for any number of units.
+    pub fn clears_many(&self) -> bool {
+        self.scatter.is_some()
+    }
+
+    /// Sets units of a slice to zero, at these positions in any order.
+    pub fn clear_units(&mut self, queue: &RenderQueue, slice: &ArenaSlice, mut units: Vec<u32>) {
+        let is_short = units.len() <= MOST_SORTED;
+        if is_short {
+            units.sort_unstable();
+        }
+        let takes_many_writes = !is_short || runs(&units, 0).count() > FEW_WRITES;
+        if takes_many_writes && self.scatter_zeros(queue, slice, &units) {
+            return;
+        }
+        units.sort_unstable();
+        for run in runs(&units, 0) {
+            let unit = self.allocator.unit_words as usize;
+            self.write_from(queue, slice, run.start * unit, &vec![0; run.len() * unit]);
+        }
+    }
+
+    /// Returns false and writes nothing, or only some of the zeros, if the kernel is missing or lacks memory.
+    fn scatter_zeros(&mut self, queue: &RenderQueue, slice: &ArenaSlice, units: &[u32]) -> bool {
+        if slice.arena != self.allocator.id || self.scatter.is_none() {
+            return false;
+        }
+        self.make_resident(queue, slice);
+        let Some(scatter) = &mut self.scatter else { return false };
+        let unit = self.allocator.unit_words;
+        let end = slice.words / unit;
+        let first = slice.base() / unit;
+        let places = units.iter().filter(|place| **place < end).map(|place| first + place);
+        let mut places: Vec<u32> = places.collect();
+        let zeros = vec![0_u8; 4 * unit as usize];
+        let most = scatter.most();
+        let mut write = |buffer: &Buffer, places: &[u32]| {
+            let zeros = || core::iter::once(zeros.as_slice());
+            let mut parts = places.chunks(most);
+            parts.all(|places| scatter.write(buffer, zeros(), places, &self.device, queue))
+        };
+        if !write(&self.buffer, &places) {
+            return false;
+        }
+        let Some(Replacement { buffer, done, .. }) = &self.replacement else {
+            return true;
+        };
+        // The rest is yet to be copied.
+        places.retain(|place| self.allocator.bytes(*place) < *done);
+        write(buffer, &places)
     }
 
     /// Call before recording commands of this frame that write to a slice. Until they are submitted, nothing may be allocated. From then

@@ -23,10 +23,11 @@ use super::{
     meshes::SceneMeshes,
     particles::ParticleTable,
     pose::Poses,
+    scatter::ScatterKernels,
     see_through::SeeThroughObjects,
     textures::TextureTable,
     top_level::TopLevel,
-    upload::{ScatterKernels, StorageSlice},
+    upload::StorageSlice,
 };
 use crate::{device::ReflectionTracer, settings::WantsReflections, status::ReflectionStatus, vrs::BindGroupContents};
 use bevy::{
@@ -104,6 +105,10 @@ impl FromWorld for SceneBindings {
         let meshes = world.resource::<SceneMeshes>();
         let textures = world.resource::<TextureTable>();
         let tracer = meshes.tracer();
+        let trees = (tracer == ReflectionTracer::Bvh).then_some(size_of::<Item>());
+        let sizes = [size_of::<GpuInstance>(), size_of::<GpuLight>()]
+            .into_iter()
+            .chain(trees);
         Self {
             layout: layout(tracer, textures, device),
             bind_group: None,
@@ -111,7 +116,7 @@ impl FromWorld for SceneBindings {
             tracer,
             texture_def: textures.mode().shader_def(),
             can_have_haze: can_have_haze(device.features()),
-            scatter_kernels: ScatterKernels::new(world, [size_of::<GpuInstance>(), size_of::<GpuLight>()]),
+            scatter_kernels: ScatterKernels::new(world, sizes),
             instances: InstanceTable::new(device),
             materials: StorageSlice::new(device, "glint_materials"),
             lights: LightTable::new(device),
@@ -204,9 +209,10 @@ impl SceneBindings {
     }
 
     /// Lets tables upload large changes by compute kernels, once these are compiled.
-    pub(super) fn follow_kernels(&mut self, cache: &PipelineCache) {
+    pub(super) fn follow_kernels(&mut self, meshes: &mut SceneMeshes, cache: &PipelineCache) {
         self.instances.follow_kernel(&self.scatter_kernels, cache);
         self.lights.follow_kernel(&self.scatter_kernels, cache);
+        meshes.bvh.follow_kernel(&self.scatter_kernels, cache);
     }
 
     /// Frees the memory that an idle scene doesn't need.

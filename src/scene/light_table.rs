@@ -6,7 +6,8 @@ use super::{
     light_textures::LightTextures,
     light_tree::{LightTree, Written},
     lights::{MAX_LIGHTS, Touched},
-    upload::{ScatterKernels, StorageSlice},
+    scatter::ScatterKernels,
+    upload::StorageSlice,
 };
 use bevy::render::{
     render_resource::{Buffer, PipelineCache},

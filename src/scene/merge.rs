@@ -13,7 +13,7 @@ mod scheduler;
 mod tests;
 
 use super::{
-    bvh::{Blas, BvhQuality, ITEM_WORDS, MergeSource, Micromap, Owners, TlasInstance, build_merged, merge_bounds},
+    bvh::{Blas, BvhQuality, MergeSource, Micromap, Owners, TlasInstance, build_merged, merge_bounds},
     masks::MaskSets,
     meshes::{CHUNK_TRIANGLES, MeshTriangles, SceneMeshes},
     tree_builds,
@@ -36,12 +36,16 @@ const BUDGET_TRIANGLES: u64 = 4 << 20;
 /// Words of a merged tree that are uploaded in one frame: 2 MB, so that no frame waits for the copy of a large tree.
 const UPLOAD_WORDS_PER_FRAME: usize = 512 << 10;
 
-/// Maximum number of writes to cut an object out of a tree: each costs about a microsecond.
+/// Maximum number of triangles to cut out of a tree in one frame: about four megabytes of indices. More take longer; fewer dissolve trees
+/// for smaller explosions.
+const MOST_CUT_TRIANGLES: usize = 1 << 20;
+/// While the kernel for that is being compiled, the maximum number of writes to cut an object out of a tree, and of all writes in a frame:
+/// each takes about a microsecond.
 const MOST_CUTS: usize = 512;
-/// Maximum number of writes to cut many objects out of a tree in one frame. More writes take longer; fewer dissolve trees for smaller
-/// explosions.
-/// About two milliseconds; not tuned.
 const MOST_CUTS_PER_FRAME: usize = 2048;
+
+/// Objects of a plan that are looked up in one frame. With more, frames take longer; with fewer, trees are late.
+const GATHERED_PER_FRAME: usize = 2048;
 
 /// Frames for which merging waits while micromaps are being built: two seconds. A higher number merges a scene that streams in
 /// later; a lower one builds trees twice.
@@ -84,8 +88,23 @@ struct BuiltTree {
 }
 
 enum Work {
+    Gathering(Gathering),
     Building(tree_builds::Build<BuiltTree>),
     Uploading(Upload),
+}
+
+/// The objects of a plan, which are looked up over several frames.
+struct Gathering {
+    members: std::vec::IntoIter<(u32, Placement)>,
+    objects: Vec<Gathered>,
+}
+
+/// An object to build a tree of.
+struct Gathered {
+    mesh: Arc<MeshTriangles>,
+    micromaps: Option<Arc<[Micromap]>>,
+    slot: u32,
+    placement: Placement,
 }
 
 struct Upload {
@@ -188,17 +207,16 @@ impl StaticMerge {
             .note_used(meshes.bvh.used_bytes(), meshes.bvh.may_ask_again());
         self.scheduler
             .advance(place_of, |_, placement| extent(meshes, placement));
-        self.carry_on(meshes, queue, status);
+        self.carry_on(masks, meshes, queue, status);
         // Trees are better with micromaps, which rarely take long.
         self.waited = if masks.is_baking() { self.waited + 1 } else { 0 };
         if self.work.is_none()
             && (self.waited == 0 || self.waited > MICROMAP_PATIENCE)
             && let Some(members) = self.scheduler.plan()
         {
-            match start(&members, masks, meshes) {
-                Some(task) => self.work = Some(Work::Building(task)),
-                None => self.scheduler.fail(),
-            }
+            let objects = Vec::with_capacity(members.len());
+            let members = members.into_iter();
+            self.work = Some(Work::Gathering(Gathering { members, objects }));
         }
         for name in self.scheduler.take_released() {
             self.owners.remove(&name);
@@ -234,26 +252,25 @@ impl StaticMerge {
         *self = Self::default();
     }
 
-    /// Removes the triangles of some objects from their tree. Returns false if they are too scattered.
+    /// Removes the triangles of some objects from their tree. Returns false if they are too many or too scattered.
     fn cut_out(&self, cuts: &[(u64, u32)], meshes: &mut SceneMeshes, queue: &RenderQueue) -> bool {
         let Some(&(name, _)) = cuts.first() else { return true };
         let Some(TreeOwners { first, owners }) = self.owners.get(&name) else {
             return false;
         };
         let slices = cuts.iter().map(|(_, slot)| owners.triangles(*slot));
-        let mut triangles: Vec<u32> = slices.flatten().copied().collect();
-        triangles.sort_unstable();
-        let most = (MOST_CUTS * cuts.len()).min(MOST_CUTS_PER_FRAME);
-        if runs(&triangles, 0).count() > most {
-            return false;
-        }
-        for run in runs(&triangles, 0) {
+        let mut triangles: Vec<u32> = slices.flatten().map(|triangle| first + triangle).collect();
+        let is_too_much = if meshes.bvh.clears_many() {
+            triangles.len() > MOST_CUT_TRIANGLES
+        } else {
+            triangles.sort_unstable();
+            runs(&triangles, 0).count() > (MOST_CUTS * cuts.len()).min(MOST_CUTS_PER_FRAME)
+        };
+        if !is_too_much {
             // Triangles without area, which no ray hits.
-            let words = vec![0; run.len() * ITEM_WORDS as usize];
-            let begin = (*first as usize + run.start) * ITEM_WORDS as usize;
-            meshes.write_merged(name, begin, &words, queue);
+            meshes.clear_merged(name, triangles, queue);
         }
-        true
+        !is_too_much
     }
 
     fn cancel(&mut self, meshes: &mut SceneMeshes) {
@@ -263,7 +280,20 @@ impl StaticMerge {
         self.scheduler.abandon();
     }
 
-    fn carry_on(&mut self, meshes: &mut SceneMeshes, queue: &RenderQueue, status: &ReflectionStatus) {
+    fn carry_on(&mut self, masks: &MaskSets, meshes: &mut SceneMeshes, queue: &RenderQueue, status: &ReflectionStatus) {
+        if let Some(Work::Gathering(gathering)) = &mut self.work {
+            match gathering.carry_on(masks, meshes) {
+                None => {
+                    self.work = None;
+                    self.scheduler.fail();
+                }
+                Some(false) => {}
+                Some(true) => {
+                    let objects = core::mem::take(&mut gathering.objects);
+                    self.work = Some(Work::Building(build(objects)));
+                }
+            }
+        }
         if let Some(Work::Building(task)) = &mut self.work
             && task.is_finished()
         {
@@ -340,34 +370,36 @@ fn extent(meshes: &SceneMeshes, placement: &Placement) -> Option<Extent> {
     })
 }
 
-/// Starts to build a tree. Returns `None` if a mesh is missing.
-fn start(
-    members: &[(u32, Placement)],
-    masks: &MaskSets,
-    meshes: &SceneMeshes,
-) -> Option<tree_builds::Build<BuiltTree>> {
-    let objects: Option<Vec<(Arc<MeshTriangles>, Option<Arc<[Micromap]>>, u32, Placement)>> = members
-        .iter()
-        .map(|(slot, placement)| {
-            let triangles = meshes.get(placement.mesh)?.triangles.clone()?;
-            let micromaps = masks.micromaps(*slot);
-            let micromaps = micromaps.maps.filter(|_| micromaps.name == placement.micromaps);
-            Some((triangles, micromaps, *slot, *placement))
-        })
-        .collect();
-    let objects = objects?;
-    Some(tree_builds::spawn(async move {
+impl Gathering {
+    /// Gathers some objects. Returns whether they were the last ones; `None` if a mesh is missing.
+    fn carry_on(&mut self, masks: &MaskSets, meshes: &SceneMeshes) -> Option<bool> {
+        for (slot, placement) in self.members.by_ref().take(GATHERED_PER_FRAME) {
+            let micromaps = masks.micromaps(slot);
+            self.objects.push(Gathered {
+                mesh: meshes.get(placement.mesh)?.triangles.clone()?,
+                micromaps: micromaps.maps.filter(|_| micromaps.name == placement.micromaps),
+                slot,
+                placement,
+            });
+        }
+        Some(self.members.len() == 0)
+    }
+}
+
+/// Starts to build a tree.
+fn build(objects: Vec<Gathered>) -> tree_builds::Build<BuiltTree> {
+    tree_builds::spawn(async move {
         let begin = Instant::now();
         let sources: Vec<MergeSource> = objects
             .iter()
-            .map(|(mesh, micromaps, slot, placement)| MergeSource {
-                positions: mesh.positions(),
-                indices: mesh.indices(),
-                world_from_object: placement.world_from_object,
-                instance: *slot,
-                flags: placement.flags,
-                masks: placement.masks,
-                micromaps: micromaps.as_deref().unwrap_or_default(),
+            .map(|object| MergeSource {
+                positions: object.mesh.positions(),
+                indices: object.mesh.indices(),
+                world_from_object: object.placement.world_from_object,
+                instance: object.slot,
+                flags: object.placement.flags,
+                masks: object.placement.masks,
+                micromaps: object.micromaps.as_deref().unwrap_or_default(),
             })
             .collect();
         // The largest chunks take seconds, but in the background, and most rays traverse them.
@@ -379,5 +411,5 @@ fn start(
             }),
             milliseconds: begin.elapsed().as_secs_f32() * 1000.0,
         }
-    }))
+    })
 }

@@ -43,6 +43,7 @@ mod pose;
 mod prepare;
 pub(crate) mod reflected_material;
 mod render_layers;
+mod scatter;
 pub(crate) mod see_through;
 #[cfg(test)]
 pub(crate) mod test_gpu;

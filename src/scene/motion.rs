@@ -1,5 +1,7 @@
 //! The motion of an object since the last frame, in two words: `motion.wesl` reads them.
 
+#[cfg(test)]
+use bevy::math::ops;
 use bevy::math::{Mat3, Vec3};
 
 /// Value of the first word if the motion is unknown. No packed vector has this value.
@@ -106,7 +108,6 @@ pub fn unpack_vector(word: u32) -> Vec3 {
 mod tests {
     use super::*;
     use crate::scene::{acceleration::rows, bvh::invert};
-    use bevy::math::ops;
     use bevy::math::{Affine3A, EulerRot, Quat};
 
     #[test]

@@ -93,7 +93,7 @@ pub(super) fn prepare_scene(mut scene: Scene, mut changed_materials: Local<HashS
         .textures
         .update(&scene.device, &scene.queue, &scene.cache, &scene.images);
     let resettled = scene.textures.take_resettled();
-    scene.bindings.follow_kernels(&scene.cache);
+    scene.bindings.follow_kernels(&mut scene.meshes, &scene.cache);
     scene.prepare_box_tables(&resettled);
     scene.prepare_instances(&mut changed_materials, &resettled);
     update_materials(

@@ -1,22 +1,16 @@
 //! A storage buffer with a copy of a slice.
 
+use super::scatter::{Scatter, ScatterKernels};
 use crate::device::{MemoryRetry, try_allocate};
 use bevy::{
-    asset::{AssetServer, load_embedded_asset},
-    ecs::world::World,
     log::warn,
     render::{
-        render_resource::{
-            BindGroupEntry, BindGroupLayoutDescriptor, BindGroupLayoutEntries, BindingResource, Buffer, BufferBinding,
-            BufferDescriptor, BufferUsages, CachedComputePipelineId, CommandEncoderDescriptor, ComputePassDescriptor,
-            ComputePipeline, ComputePipelineDescriptor, PipelineCache, ShaderStages,
-            binding_types::{storage_buffer_read_only_sized, storage_buffer_sized},
-        },
+        render_resource::{Buffer, BufferDescriptor, BufferUsages, PipelineCache},
         renderer::{RenderDevice, RenderQueue},
     },
 };
 use bytemuck::{NoUninit, bytes_of, cast_slice};
-use core::{marker::PhantomData, num::NonZeroU64, ops::Range};
+use core::{marker::PhantomData, ops::Range};
 
 /// Gap between two changed elements up to which the elements in between are written again, since a separate write costs more.
 const GAP: u32 = 64;
@@ -24,12 +18,6 @@ const GAP: u32 = 64;
 const CHEAP_BYTES: u64 = 1 << 18;
 /// Minimum capacity in elements.
 const SMALLEST_ROOM: usize = 16;
-/// Threads of a workgroup in `scatter.wesl`.
-const THREADS: u32 = 64;
-/// Label of the kernel's input buffers.
-const SCATTERED: &str = "glint_scattered";
-/// Number of workgroups that every device can dispatch at a time.
-const MOST_WORKGROUPS: u32 = 65_535;
 
 /// Copies a slice of `T` to the GPU. The buffer grows by doubling, and shrinks once three quarters of it are free.
 pub struct StorageSlice<T> {
@@ -44,9 +32,8 @@ pub struct StorageSlice<T> {
     is_empty: bool,
     warned: bool,
     generation: u64,
-    /// The kernel of `scatter.wesl`, once it is compiled.
-    kernel: Option<ComputePipeline>,
-    scattered: Option<Scattered>,
+    /// Uploads large changes, once its kernel is compiled.
+    scatter: Option<Scatter>,
     element: PhantomData<T>,
 }
 
@@ -62,8 +49,7 @@ impl<T: NoUninit> StorageSlice<T> {
             is_empty: false,
             warned: false,
             generation: 0,
-            kernel: None,
-            scattered: None,
+            scatter: None,
             element: PhantomData,
         }
     }
@@ -91,8 +77,8 @@ impl<T: NoUninit> StorageSlice<T> {
 
     /// Takes over its kernel once that is compiled. Until then, elements are written one by one.
     pub fn follow_kernel(&mut self, kernels: &ScatterKernels, cache: &PipelineCache) {
-        if self.kernel.is_none() {
-            self.kernel = kernels.get(size_of::<T>(), cache).cloned();
+        if self.scatter.is_none() {
+            self.scatter = kernels.scatter(size_of::<T>(), cache);
         }
     }
 
@@ -153,68 +139,17 @@ impl<T: NoUninit> StorageSlice<T> {
         let size = size_of::<T>() as u64;
         let changed = sorted.len() as u64 * size;
         let written = runs(sorted, GAP).map(|run| run.len() as u64).sum::<u64>() * size;
-        let workgroups = (changed / 16).div_ceil(u64::from(THREADS));
-        let is_scattered = written > (4 * changed).max(CHEAP_BYTES) && workgroups <= u64::from(MOST_WORKGROUPS);
-        if is_scattered && self.scatter(data, sorted, workgroups as u32, device, queue) {
-            return;
+        if written > (4 * changed).max(CHEAP_BYTES)
+            && let Some(scatter) = &mut self.scatter
+        {
+            let elements = sorted.iter().map(|place| bytes_of(&data[*place as usize]));
+            if scatter.write(&self.buffer, elements, sorted, device, queue) {
+                return;
+            }
         }
         for run in runs(sorted, GAP) {
             queue.write_buffer(&self.buffer, run.start as u64 * size, cast_slice(&data[run]));
         }
-    }
-
-    /// Writes the elements in one piece, and dispatches a kernel that copies them to their positions. Returns false while it is being
-    /// compiled, and if the device lacks memory for that.
-    fn scatter(
-        &mut self,
-        data: &[T],
-        places: &[u32],
-        workgroups: u32,
-        device: &RenderDevice,
-        queue: &RenderQueue,
-    ) -> bool {
-        let Some(kernel) = &self.kernel else { return false };
-        let scatter = self.scattered.get_or_insert_with(|| Scattered::new(device));
-        let elements = places.iter().map(|place| bytes_of(&data[*place as usize]));
-        let bytes = cast_slice(places);
-        let is_filled = fill(&mut scatter.elements, size_of::<T>(), elements, device, queue)
-            && fill(&mut scatter.places, bytes.len(), core::iter::once(bytes), device, queue);
-        if !is_filled {
-            return false;
-        }
-        let part = |buffer, size: usize| {
-            BindingResource::Buffer(BufferBinding {
-                buffer,
-                offset: 0,
-                size: NonZeroU64::new(size as u64),
-            })
-        };
-        let entries = [
-            part(&scatter.elements, places.len() * size_of::<T>()),
-            part(&scatter.places, size_of_val(places)),
-            self.buffer.as_entire_binding(),
-        ];
-        let entries: Vec<_> = (0..)
-            .zip(entries)
-            .map(|(binding, resource)| BindGroupEntry { binding, resource })
-            .collect();
-        let layout = kernel.get_bind_group_layout(0).into();
-        let bind_group = device.create_bind_group("glint_scatter", &layout, &entries);
-        let mut encoder = device.create_command_encoder(&CommandEncoderDescriptor {
-            label: Some("glint_scatter"),
-        });
-        {
-            let mut pass = encoder.begin_compute_pass(&ComputePassDescriptor {
-                label: Some("glint_scatter"),
-                timestamp_writes: None,
-            });
-            pass.set_pipeline(kernel);
-            pass.set_bind_group(0, &bind_group, &[]);
-            pass.dispatch_workgroups(workgroups, 1, 1);
-        }
-        // Submitted at once, to keep the order of all writes.
-        queue.submit([encoder.finish()]);
-        true
     }
 
     fn write_within(
@@ -248,87 +183,6 @@ impl<T: NoUninit> StorageSlice<T> {
     }
 }
 
-/// Kernels that scatter elements, by the size of an element in bytes. They are compiled from the start, so that the first frame with many
-/// movements doesn't wait for them.
-pub struct ScatterKernels(Vec<(usize, CachedComputePipelineId)>);
-
-impl ScatterKernels {
-    /// Creates kernels for elements of these sizes in bytes, which are multiples of 16.
-    pub fn new<const N: usize>(world: &World, sizes: [usize; N]) -> Self {
-        let shader = load_embedded_asset!(world.resource::<AssetServer>(), "scatter.wesl");
-        let entries = BindGroupLayoutEntries::sequential(
-            ShaderStages::COMPUTE,
-            (
-                storage_buffer_read_only_sized(false, None),
-                storage_buffer_read_only_sized(false, None),
-                storage_buffer_sized(false, None),
-            ),
-        );
-        let layout = BindGroupLayoutDescriptor::new("glint_scatter", &entries);
-        let kernel = |size: usize| {
-            let id = world
-                .resource::<PipelineCache>()
-                .queue_compute_pipeline(ComputePipelineDescriptor {
-                    label: Some("glint_scatter".into()),
-                    layout: vec![layout.clone()],
-                    shader: shader.clone(),
-                    entry_point: Some("scatter".into()),
-                    constants: vec![("ROWS".into(), (size / 16) as f64)],
-                    ..Default::default()
-                });
-            (size, id)
-        };
-        Self(sizes.map(kernel).into())
-    }
-
-    fn get<'a>(&self, size: usize, cache: &'a PipelineCache) -> Option<&'a ComputePipeline> {
-        let (_, id) = self.0.iter().find(|(of, _)| *of == size)?;
-        cache.get_compute_pipeline(*id)
-    }
-}
-
-/// Input buffers of a kernel, which are reused in later frames.
-struct Scattered {
-    elements: Buffer,
-    places: Buffer,
-}
-
-impl Scattered {
-    fn new(device: &RenderDevice) -> Self {
-        Self {
-            elements: create(device, SCATTERED, 4),
-            places: create(device, SCATTERED, 4),
-        }
-    }
-}
-
-/// Writes pieces of the same size to the start of a buffer, and replaces the buffer if it is too small or much too large. Returns false
-/// if the device lacks memory for another one.
-fn fill<'a>(
-    buffer: &mut Buffer,
-    piece: usize,
-    pieces: impl ExactSizeIterator<Item = &'a [u8]>,
-    device: &RenderDevice,
-    queue: &RenderQueue,
-) -> bool {
-    let bytes = (pieces.len() * piece) as u64;
-    let size = bytes.next_power_of_two();
-    if !(size..=8 * size).contains(&buffer.size()) {
-        let Some(other) = try_allocate(device, || create(device, SCATTERED, size)) else {
-            return false;
-        };
-        *buffer = other;
-    }
-    // Avoids an intermediate copy of all pieces.
-    let view = NonZeroU64::new(bytes).and_then(|bytes| queue.write_buffer_with(buffer, 0, bytes));
-    let Some(mut view) = view else { return false };
-    let mut all = view.slice(..);
-    for (index, bytes) in pieces.enumerate() {
-        all.slice(index * piece..(index + 1) * piece).copy_from_slice(bytes);
-    }
-    true
-}
-
 /// Ranges that contain all of these sorted indices, and up to `gap` others between two of them.
 pub fn runs(sorted: &[u32], gap: u32) -> impl Iterator<Item = Range<usize>> + '_ {
     let chunks = sorted.chunk_by(move |a, b| b.saturating_sub(*a) <= gap.saturating_add(1));
@@ -349,31 +203,8 @@ mod tests {
     use super::*;
     use crate::{
         device::{REFUSED_FRAMES, REFUSES},
-        scene::test_gpu,
+        scene::{scatter::tests::scatter, test_gpu},
     };
-    use bevy::render::render_resource::{
-        PipelineCompilationOptions, RawComputePipelineDescriptor, ShaderModuleDescriptor, ShaderSource,
-    };
-
-    /// The kernel for elements of two rows.
-    fn scatter_pipeline(device: &RenderDevice) -> ComputePipeline {
-        let module = device.create_and_validate_shader_module(ShaderModuleDescriptor {
-            label: Some("glint_scatter"),
-            source: ShaderSource::Wgsl(include_str!("scatter.wesl").into()),
-        });
-        device.create_compute_pipeline(&RawComputePipelineDescriptor {
-            label: Some("glint_scatter"),
-            layout: None,
-            module: &module,
-            entry_point: Some("scatter"),
-            compilation_options: PipelineCompilationOptions {
-                constants: &[("ROWS", 2.0)],
-                ..Default::default()
-            },
-            cache: None,
-        })
-    }
-
     #[test]
     fn near_indices_share_a_range() {
         let of = |sorted: &[u32], gap| runs(sorted, gap).collect::<Vec<_>>();
@@ -398,17 +229,17 @@ mod tests {
         });
         let mut data: Vec<[u32; 8]> = (0..COUNT as u32).map(|i| [i; 8]).collect();
         slice.write(&data, 0..COUNT, &device, &queue);
-        for (step, kernel) in [(9, None), (9, Some(scatter_pipeline(&device))), (300, None)] {
-            // While the kernel is being compiled, elements are written one by one.
-            assert!(slice.kernel.is_some() || slice.scattered.is_none());
-            slice.kernel = slice.kernel.take().or(kernel);
+        // While the kernel is being compiled, elements are written one by one.
+        for (step, scatter) in [(9, None), (9, Some(scatter(32, &device))), (300, None)] {
+            slice.scatter = slice.scatter.take().or(scatter);
             let sorted: Vec<u32> = (3..COUNT as u32).step_by(step).collect();
             for index in &sorted {
                 data[*index as usize] = core::array::from_fn(|i| 7 * index + i as u32 + step as u32);
             }
             slice.write_elements(&data, &sorted, &device, &queue);
         }
-        assert!(slice.scattered.is_some(), "one in nine is written by a kernel");
+        let is_used = slice.scatter.as_ref().is_some_and(Scatter::is_used);
+        assert!(is_used, "one in nine is written by a kernel");
         // Without memory for the kernel they are written one by one.
         let sorted: Vec<u32> = (5..COUNT as u32).step_by(8).collect();
         for index in &sorted {

@@ -3,7 +3,7 @@
 use super::*;
 use crate::{
     device::{REFUSED_FRAMES, REFUSES},
-    scene::test_gpu,
+    scene::{scatter, test_gpu},
 };
 use bevy::render::render_resource::BufferInitDescriptor;
 use std::sync::mpsc::channel;
@@ -71,6 +71,7 @@ fn a_large_buffer_is_replaced_in_parts() {
     let mut arena = Arena::new(&device, "test arena", BufferUsages::empty(), 12, 256 << 20);
     // Part sizes are as for a buffer of gigabytes, and no multiple of a unit.
     arena.least_part = 4;
+    arena.scatter = Some(scatter::tests::scatter(48, &device));
     let first = arena.allocate(WORDS + 12 * 5).unwrap();
     let mut expected: Vec<u32> = (0..WORDS).map(|i| i.wrapping_mul(0x9e37_79b9)).collect();
     arena.write(&queue, &first, &expected);
@@ -93,6 +94,14 @@ fn a_large_buffer_is_replaced_in_parts() {
             arena.write_from(&queue, &first, begin, &words);
             expected[begin..][..20].copy_from_slice(&words);
         }
+        // One in five, so that there are many runs, in any order.
+        let units = |count: u32| (0..count).rev().map(move |i| (5 * i + 40_000 * frames) % (WORDS / 12));
+        for count in [20, 9000] {
+            arena.clear_units(&queue, &first, units(count).collect());
+            for unit in units(count) {
+                expected[12 * unit as usize..][..12].fill(0);
+            }
+        }
         arena.begin_gpu_write(&queue, &posed);
         let words = device.create_buffer_with_data(&BufferInitDescriptor {
             label: None,
@@ -107,6 +116,7 @@ fn a_large_buffer_is_replaced_in_parts() {
         frames += 1;
     }
     assert!(frames > 3, "{frames} frames");
+    assert!(arena.scatter.as_ref().is_some_and(Scatter::is_used));
     arena.write(&queue, &second, &[5; 10]);
     let words = test_gpu::read(&device, &queue, arena.buffer());
     assert!(words[first.base() as usize..][..WORDS as usize] == expected);

@@ -13,7 +13,8 @@ use crate::scene::{
     instances::InstanceSource,
     meshes::SceneMesh,
     motion::{POSED_MOTION, UNKNOWN_MOTION, pack_motion, pack_vector},
-    upload::{ScatterKernels, StorageSlice},
+    scatter::ScatterKernels,
+    upload::StorageSlice,
 };
 use bevy::{
     math::{Affine3A, Vec3, Vec3A},

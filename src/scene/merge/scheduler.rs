@@ -422,10 +422,13 @@ impl MergeScheduler {
         for slot in &building.members {
             let place = &mut self.slots[*slot as usize];
             place.building = false;
-            place.state = State::Merged(id);
-            self.resting.remove(slot);
+            let before = core::mem::replace(&mut place.state, State::Merged(id));
+            // Others only change their tree.
+            if before == State::Resting {
+                self.resting.remove(slot);
+                self.crossed.push(*slot);
+            }
         }
-        self.crossed.extend(&building.members);
         let chunk = Chunk {
             members: building.members,
             gone: 0,

@@ -44,6 +44,13 @@ impl SceneMeshes {
         self.bvh.write_from(queue, slice, first, words);
     }
 
+    /// Sets items of a merged tree to zero. Does nothing if the tree was lost.
+    pub(in crate::scene) fn clear_merged(&mut self, name: u64, items: Vec<u32>, queue: &RenderQueue) {
+        if let Some(slice) = self.merged.get(&name) {
+            self.bvh.clear_units(queue, slice, items);
+        }
+    }
+
     /// Frees the space of a merged tree, if it still has any.
     pub(in crate::scene) fn free_merged(&mut self, name: u64) {
         if let Some(slice) = self.merged.remove(&name) {

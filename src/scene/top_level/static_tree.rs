@@ -5,14 +5,10 @@ use crate::scene::{
     arena::ArenaSlice,
     bvh::{ITEM_WORDS, Item, Tlas},
     meshes::SceneMeshes,
-    upload::runs,
 };
 use bevy::render::renderer::RenderQueue;
 use core::ops::Range;
 use std::sync::Arc;
-
-/// Gap between two changed items up to which the items in between are written again instead of skipped.
-const GAP: u32 = 32;
 
 /// Objects of a tree; `None` at free indices.
 pub(super) type Members = Arc<Vec<Option<Object>>>;
@@ -56,11 +52,8 @@ impl StaticTree {
 
     /// Writes changed items.
     pub fn upload(&mut self, meshes: &mut SceneMeshes, queue: &RenderQueue) {
-        self.emptied.sort_unstable();
-        for run in runs(&self.emptied, GAP) {
-            write_items(meshes, queue, &self.slice, &self.tlas.items, run);
-        }
-        self.emptied.clear();
+        let emptied = core::mem::take(&mut self.emptied);
+        meshes.bvh.clear_units(queue, &self.slice, emptied);
     }
 }
 

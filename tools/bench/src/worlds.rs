@@ -33,7 +33,7 @@ struct Case {
     limit: Option<f64>,
 }
 
-const CASES: [Case; 19] = [
+const CASES: [Case; 20] = [
     Case {
         name: "one static instance",
         world: World::Spheres(1, FINE),
@@ -140,6 +140,12 @@ const CASES: [Case; 19] = [
         name: "40,000 merged objects are shifted by one vector",
         world: World::Spheres(MERGED, TINY),
         change: Change::Shift,
+        limit: Some(5.0),
+    },
+    Case {
+        name: "40,000 merged objects are merged anew",
+        world: World::Spheres(MERGED, TINY),
+        change: Change::Merge,
         limit: Some(5.0),
     },
     Case {

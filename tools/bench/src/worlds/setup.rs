@@ -61,6 +61,8 @@ pub enum Change {
     Touch,
     /// All objects and the camera move by one vector, once in each round.
     Shift,
+    /// The frames after a shift in which everything is merged anew.
+    Merge,
     /// This number of objects each move by their own vector, once in each round.
     Explosion(usize),
     /// The alpha of the ghost.
@@ -78,7 +80,12 @@ pub enum Change {
 impl Change {
     /// It happens once in each round.
     fn is_rare(self) -> bool {
-        matches!(self, Self::Touch | Self::Shift | Self::Explosion(_))
+        matches!(self, Self::Touch | Self::Explosion(_)) || self.shifts()
+    }
+
+    /// Everything moves by one vector.
+    fn shifts(self) -> bool {
+        matches!(self, Self::Shift | Self::Merge)
     }
 }
 
@@ -252,12 +259,16 @@ impl Setup {
         }
     }
 
-    /// Renders until rays can hit every mesh, and merging is done although objects move.
-    fn settle(&mut self, change: Change) -> Result<(), String> {
+    /// Renders until rays can hit every mesh, and merging is done although objects move. Returns the longest frame.
+    fn settle(&mut self, change: Change) -> Result<Round, String> {
         let mut quiet = 0;
+        let mut slowest = Round::of(&[]);
         for _ in 0..FRAME_LIMIT {
             self.shift(change);
-            self.step();
+            let frame = Round::of(&[self.step()]);
+            if frame.all > slowest.all {
+                slowest = frame;
+            }
             let report = self.report();
             let pending = report.meshes_pending > 0 || report.merges_pending || report.micromaps_pending;
             // Some levels of detail are out of their range.
@@ -266,7 +277,7 @@ impl Setup {
             let complete = report.ready && (!pending || is_edited) && is_there;
             quiet = if complete { quiet + 1 } else { 0 };
             if quiet >= QUIET_FRAMES {
-                return Ok(());
+                return Ok(slowest);
             }
         }
         let report = self.report();
@@ -289,7 +300,7 @@ impl Setup {
     /// Moves objects that are spread evenly over all.
     fn shift(&mut self, change: Change) {
         let (list, count) = match change {
-            Change::Nothing | Change::Touch | Change::Shift | Change::Explosion(_) => return,
+            Change::Nothing | Change::Touch | Change::Shift | Change::Merge | Change::Explosion(_) => return,
             Change::Fade | Change::Edit => return self.haunt(change),
             Change::Flicker(count) => return self.flicker(count),
             Change::Flash => return self.flash(),
@@ -383,29 +394,28 @@ impl Setup {
     /// Moves objects that haven't moved lately. The longest frame counts.
     fn disturb(&mut self, change: Change, round: usize, rounds: u32) -> Result<Round, String> {
         let (first, stride) = match change {
-            Change::Shift => (0, 1),
+            Change::Shift | Change::Merge => (0, 1),
             Change::Explosion(count) => (0, self.objects.len() / count),
             // In each round, an object that never moved.
             _ => (round * self.objects.len() / (rounds as usize + 1), self.objects.len()),
         };
         for (index, object) in self.objects.iter().enumerate().skip(first).step_by(stride) {
             if let Some(mut transform) = self.app.world().get_mut::<Transform>(*object) {
-                let own = if change == Change::Shift {
-                    0.0
-                } else {
-                    0.1 * (index % 7) as f32
-                };
+                let own = if change.shifts() { 0.0 } else { 0.1 * (index % 7) as f32 };
                 transform.translation += Vec3::new(own, 0.5, own);
             }
         }
-        if change == Change::Shift
+        if change.shifts()
             && let Some(mut transform) = self.app.world().get_mut::<Transform>(self.camera)
         {
             transform.translation.y += 0.5;
         }
         let frames = (0..AFTERMATH).map(|_| Round::of(&[self.step()]));
         let slowest = frames.max_by(|a, b| a.all.total_cmp(&b.all));
-        self.settle(Change::Nothing)?;
+        let later = self.settle(Change::Nothing)?;
+        if change == Change::Merge {
+            return Ok(later);
+        }
         slowest.ok_or_else(|| "no frame was measured".to_owned())
     }
 }
