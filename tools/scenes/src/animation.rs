@@ -1,16 +1,6 @@
 //! Moving or flickering objects, as pure functions of a time in seconds: the same time always gives the same image.
 
-use bevy::{
-    app::{App, Plugin, Update},
-    asset::{Assets, Handle},
-    color::LinearRgba,
-    ecs::{component::Component, world::World},
-    light::PointLight,
-    math::{Quat, Vec2, Vec3, ops, vec3},
-    pbr::StandardMaterial,
-    time::Time,
-    transform::components::Transform,
-};
+use bevy::prelude::*;
 use std::f32::consts::TAU;
 
 /// Runs the animation of the scenes by the app's clock. Without it they don't move, unless [`set_time`] moves them.
@@ -246,7 +236,7 @@ mod tests {
             rate: 0.25,
             phase: 0.0,
         };
-        let angle = |seconds| pose(motion, seconds).rotation.to_euler(bevy::math::EulerRot::YXZ).0;
+        let angle = |seconds| pose(motion, seconds).rotation.to_euler(EulerRot::YXZ).0;
         for (seconds, expected) in [(0.0, 1.0), (1.0, 1.5), (2.0, 1.0), (3.0, 0.5)] {
             assert!((angle(seconds) - expected).abs() < 1e-4, "{seconds}");
         }

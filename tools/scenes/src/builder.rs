@@ -5,16 +5,8 @@ use crate::{
     texture::{Texel, TextureSet},
 };
 use bevy::{
-    asset::{Assets, Handle},
-    camera::visibility::Visibility,
-    color::Color,
-    ecs::{bundle::Bundle, component::Component, entity::Entity, hierarchy::ChildOf, world::World},
-    image::Image,
-    light::{CascadeShadowConfigBuilder, DirectionalLight, NotShadowCaster, PointLight},
-    math::{Vec2, Vec3},
-    mesh::{Mesh, Mesh3d},
-    pbr::{MeshMaterial3d, StandardMaterial},
-    transform::components::Transform,
+    light::{CascadeShadowConfigBuilder, NotShadowCaster},
+    prelude::*,
 };
 
 /// Marks the root entity of a spawned scene (despawn it to remove all of it), with statistics of its content.
@@ -80,9 +72,7 @@ impl<'w> SceneBuilder<'w> {
 
     /// Adds a mesh asset made by a closure.
     pub fn shape(&mut self, make: impl FnOnce(&mut Geometry)) -> SceneMesh {
-        let mut geometry = Geometry::default();
-        make(&mut geometry);
-        self.mesh(geometry)
+        self.mesh(Geometry::of(make))
     }
 
     /// Adds a material asset.
@@ -93,6 +83,12 @@ impl<'w> SceneBuilder<'w> {
     /// Bakes a pattern into textures.
     pub fn textures(&mut self, size: u32, pattern: impl Fn(Vec2) -> Texel + Sync) -> TextureSet {
         TextureSet::bake(&mut self.world.resource_mut::<Assets<Image>>(), size, pattern)
+    }
+
+    /// Adds a material asset with the textures of a pattern.
+    pub fn textured(&mut self, size: u32, pattern: impl Fn(Vec2) -> Texel + Sync) -> Handle<StandardMaterial> {
+        let textures = self.textures(size, pattern);
+        self.material(textures.material())
     }
 
     /// Places a mesh.

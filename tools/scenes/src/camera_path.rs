@@ -1,6 +1,7 @@
 //! The camera's path through every scene: smooth, and the same in every run.
 
-use bevy::{math::Vec3, transform::components::Transform};
+use crate::geometry::catmull_rom;
+use bevy::prelude::*;
 
 /// A way for the camera through points that it passes at equal times.
 #[derive(Clone, Copy, Debug)]
@@ -38,14 +39,9 @@ impl CameraPath {
             let index = (index as isize + offset).clamp(0, last as isize) as usize;
             self.points.get(index).copied().unwrap_or((Vec3::ZERO, Vec3::NEG_Z))
         };
-        let (a, b, c, d) = (at(-1), at(0), at(1), at(2));
-        // Catmull-Rom: smooth, and through every point.
-        let curve = |a: Vec3, b: Vec3, c: Vec3, d: Vec3| {
-            0.5 * (2.0 * b
-                + (c - a) * s
-                + (2.0 * a - 5.0 * b + 4.0 * c - d) * s * s
-                + (3.0 * b - a - 3.0 * c + d) * s * s * s)
-        };
-        Transform::from_translation(curve(a.0, b.0, c.0, d.0)).looking_at(curve(a.1, b.1, c.1, d.1), Vec3::Y)
+        let points = [at(-1), at(0), at(1), at(2)];
+        let eye = catmull_rom(points.map(|(eye, _)| eye), s);
+        let target = catmull_rom(points.map(|(_, target)| target), s);
+        Transform::from_translation(eye).looking_at(target, Vec3::Y)
     }
 }

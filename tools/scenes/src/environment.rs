@@ -2,17 +2,11 @@
 
 use crate::sky::Sky;
 use bevy::{
-    asset::Assets,
-    camera::{Camera, ClearColorConfig, Exposure},
-    color::Color,
+    camera::Exposure,
     core_pipeline::tonemapping::{DebandDither, Tonemapping},
-    ecs::{
-        resource::Resource,
-        world::{EntityWorldMut, Mut, World},
-    },
-    image::Image,
-    light::{AmbientLight, EnvironmentMapLight, Skybox},
+    light::Skybox,
     pbr::ScreenSpaceTransmission,
+    prelude::*,
 };
 
 /// Options of a scene.

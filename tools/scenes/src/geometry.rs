@@ -2,9 +2,8 @@
 
 use bevy::{
     asset::RenderAssetUsages,
-    math::{Quat, Vec2, Vec3, Vec4, ops, vec2, vec3},
-    mesh::{Indices, Mesh, PrimitiveTopology},
-    transform::components::Transform,
+    mesh::{Indices, PrimitiveTopology},
+    prelude::*,
 };
 use std::f32::consts::{PI, TAU};
 
@@ -28,6 +27,13 @@ pub struct Geometry {
 }
 
 impl Geometry {
+    /// A shape made by a closure.
+    pub fn of(make: impl FnOnce(&mut Geometry)) -> Self {
+        let mut shape = Self::default();
+        make(&mut shape);
+        shape
+    }
+
     /// Number of triangles.
     pub fn triangles(&self) -> usize {
         self.indices.len() / 3
@@ -55,46 +61,44 @@ impl Geometry {
 
     /// Adds a part, moved by `transform`.
     pub fn part(&mut self, transform: Transform, make: impl FnOnce(&mut Geometry)) {
-        let mut part = Geometry::default();
-        make(&mut part);
-        self.append(&part, transform);
+        self.append(&Self::of(make), transform);
     }
 
     /// Adds the surface `point(u, v)` over the unit square, `columns` by `rows` quads. Its front faces `d/du x d/dv`. `uv_scale` maps the
     /// square to texture coordinates.
     pub fn surface(&mut self, columns: u32, rows: u32, uv_scale: Vec2, point: impl Fn(f32, f32) -> Vec3) {
-        let (columns, rows) = (columns.max(1), rows.max(1));
-        let base = self.positions.len() as u32;
         let delta = 1e-3;
-        for row in 0..=rows {
-            for column in 0..=columns {
-                let (u, v) = (column as f32 / columns as f32, row as f32 / rows as f32);
-                let normal_at = |u: f32, v: f32| {
-                    let du = point(u + delta, v) - point(u - delta, v);
-                    let dv = point(u, v + delta) - point(u, v - delta);
-                    du.cross(dv).try_normalize()
-                };
-                // At a pole one derivative vanishes, so take it slightly inside.
-                let normal = normal_at(u, v).or_else(|| normal_at(u * 0.99 + 0.005, v * 0.99 + 0.005));
-                self.positions.push(point(u, v));
-                self.normals.push(normal.unwrap_or(Vec3::Y));
-                self.uvs.push(vec2(u, 1.0 - v) * uv_scale);
-            }
-        }
-        self.grid(base, columns, rows);
+        self.sheet(columns.max(1), rows.max(1), uv_scale, |u, v| {
+            let normal_at = |u: f32, v: f32| {
+                let du = point(u + delta, v) - point(u - delta, v);
+                let dv = point(u, v + delta) - point(u, v - delta);
+                du.cross(dv).try_normalize()
+            };
+            // At a pole one derivative vanishes, so take it slightly inside.
+            let normal = normal_at(u, v).or_else(|| normal_at(u * 0.99 + 0.005, v * 0.99 + 0.005));
+            (point(u, v), normal.unwrap_or(Vec3::Y))
+        });
     }
 
     /// Adds the surface `point(u, v)` like [`surface`](Self::surface), with its own normals, which can differ from the normals of its
     /// triangles.
     pub fn shaded_surface(&mut self, columns: u32, rows: u32, point: impl Fn(f32, f32) -> (Vec3, Vec3)) {
+        self.sheet(columns, rows, Vec2::ONE, |u, v| {
+            let (position, normal) = point(u, v);
+            (position, normal.normalize_or(Vec3::Y))
+        });
+    }
+
+    /// Adds `columns` by `rows` quads over the unit square. `vertex` returns a position and a unit normal.
+    fn sheet(&mut self, columns: u32, rows: u32, uv_scale: Vec2, vertex: impl Fn(f32, f32) -> (Vec3, Vec3)) {
         let base = self.positions.len() as u32;
         for row in 0..=rows {
             for column in 0..=columns {
                 let (u, v) = (column as f32 / columns as f32, row as f32 / rows as f32);
-                let (position, normal) = point(u, v);
+                let (position, normal) = vertex(u, v);
                 self.positions.push(position);
-                self.normals.push(normal.normalize_or(Vec3::Y));
-                self.uvs.push(vec2(u, 1.0 - v));
+                self.normals.push(normal);
+                self.uvs.push(vec2(u, 1.0 - v) * uv_scale);
             }
         }
         self.grid(base, columns, rows);
@@ -115,30 +119,42 @@ impl Geometry {
 
     /// Adds a flat quad; corners counter-clockwise from the lower left of its texture.
     pub fn quad(&mut self, corners: [Vec3; 4], uv_size: Vec2) {
-        let [a, b, _, d] = corners;
-        let normal = (b - a).cross(d - a).normalize_or(Vec3::Y);
-        let base = self.positions.len() as u32;
-        self.positions.extend(corners);
-        self.normals.extend([normal; 4]);
         let (w, h) = (uv_size.x, uv_size.y);
-        self.uvs.extend([vec2(0.0, h), vec2(w, h), vec2(w, 0.0), Vec2::ZERO]);
-        self.triangle(base, base + 1, base + 2);
-        self.triangle(base, base + 2, base + 3);
+        self.flat(corners, |_| [vec2(0.0, h), vec2(w, h), vec2(w, 0.0), Vec2::ZERO]);
     }
 
     /// Adds a flat quad with UVs from its position, so that neighbours in one plane continue the texture.
     pub fn mapped_quad(&mut self, corners: [Vec3; 4], uv_scale: f32) {
+        self.flat(corners, |normal| {
+            let up = if normal.y.abs() > 0.7 { Vec3::NEG_Z } else { Vec3::Y };
+            let right = up.cross(normal).normalize_or(Vec3::X);
+            corners.map(|p| vec2(p.dot(right), -p.dot(up)) * uv_scale)
+        });
+    }
+
+    /// Adds a flat quad. `uvs` takes its normal.
+    fn flat(&mut self, corners: [Vec3; 4], uvs: impl FnOnce(Vec3) -> [Vec2; 4]) {
         let [a, b, _, d] = corners;
         let normal = (b - a).cross(d - a).normalize_or(Vec3::Y);
-        let up = if normal.y.abs() > 0.7 { Vec3::NEG_Z } else { Vec3::Y };
-        let right = up.cross(normal).normalize_or(Vec3::X);
         let base = self.positions.len() as u32;
         self.positions.extend(corners);
         self.normals.extend([normal; 4]);
-        self.uvs
-            .extend(corners.map(|p| vec2(p.dot(right), -p.dot(up)) * uv_scale));
+        self.uvs.extend(uvs(normal));
         self.triangle(base, base + 1, base + 2);
         self.triangle(base, base + 2, base + 3);
+    }
+
+    /// Adds the four sides of an opening in a wall that faces +z, from one depth to another.
+    pub fn reveal(&mut self, opening: Rect, front: f32, back: f32, uv_scale: f32) {
+        let (Vec2 { x: l, y: b }, Vec2 { x: r, y: t }) = (opening.min, opening.max);
+        for corners in [
+            [vec3(l, b, front), vec3(l, b, back), vec3(l, t, back), vec3(l, t, front)],
+            [vec3(r, b, back), vec3(r, b, front), vec3(r, t, front), vec3(r, t, back)],
+            [vec3(l, b, front), vec3(r, b, front), vec3(r, b, back), vec3(l, b, back)],
+            [vec3(l, t, back), vec3(r, t, back), vec3(r, t, front), vec3(l, t, front)],
+        ] {
+            self.mapped_quad(corners, uv_scale);
+        }
     }
 
     /// Adds an axis-aligned box around `center`; UVs run in metres times `uv_scale`.
@@ -193,13 +209,7 @@ impl Geometry {
                     self.uvs.push(vec2(s, t) * uv_scale);
                 }
             }
-            for j in 0..steps - 1 {
-                for i in 0..steps - 1 {
-                    let a = base + j * steps + i;
-                    self.triangle(a, a + 1, a + steps + 1);
-                    self.triangle(a, a + steps + 1, a + steps);
-                }
-            }
+            self.grid(base, steps - 1, steps - 1);
         }
     }
 
@@ -264,14 +274,7 @@ impl Geometry {
                 }
             }
             height = along;
-            let stride = segments + 1;
-            for ring in 0..run.len().saturating_sub(1) as u32 {
-                for s in 0..segments {
-                    let a = base + ring * stride + s;
-                    self.triangle(a, a + 1, a + stride + 1);
-                    self.triangle(a, a + stride + 1, a + stride);
-                }
-            }
+            self.grid(base, segments, run.len().saturating_sub(1) as u32);
         }
     }
 
@@ -300,13 +303,13 @@ impl Geometry {
                 self.uvs.push(vec2(s as f32 / sides as f32, length));
             }
         }
-        for ring in 0..path.len() as u32 - 1 {
-            for s in 0..sides {
-                let a = base + ring * (sides + 1) + s;
-                self.triangle(a, a + 1, a + sides + 2);
-                self.triangle(a, a + sides + 2, a + sides + 1);
-            }
-        }
+        self.grid(base, sides, path.len() as u32 - 1);
+    }
+
+    /// Adds a tube of circular section along the curve `point(t)`, with t from 0 to 1, in `steps` straight pieces.
+    pub fn curved_tube(&mut self, steps: u32, radius: f32, sides: u32, point: impl Fn(f32) -> Vec3) {
+        let path: Vec<Vec3> = (0..=steps).map(|i| point(i as f32 / steps as f32)).collect();
+        self.tube(&path, radius, sides);
     }
 
     fn triangle(&mut self, a: u32, b: u32, c: u32) {
@@ -350,20 +353,11 @@ impl Geometry {
 
     /// The finished mesh.
     pub fn into_mesh(self) -> Mesh {
-        let tangents: Vec<[f32; 4]> = self.tangents().iter().map(Vec4::to_array).collect();
+        let tangents = self.tangents();
         Mesh::new(PrimitiveTopology::TriangleList, RenderAssetUsages::default())
-            .with_inserted_attribute(
-                Mesh::ATTRIBUTE_POSITION,
-                self.positions.iter().map(Vec3::to_array).collect::<Vec<_>>(),
-            )
-            .with_inserted_attribute(
-                Mesh::ATTRIBUTE_NORMAL,
-                self.normals.iter().map(Vec3::to_array).collect::<Vec<_>>(),
-            )
-            .with_inserted_attribute(
-                Mesh::ATTRIBUTE_UV_0,
-                self.uvs.iter().map(Vec2::to_array).collect::<Vec<_>>(),
-            )
+            .with_inserted_attribute(Mesh::ATTRIBUTE_POSITION, self.positions)
+            .with_inserted_attribute(Mesh::ATTRIBUTE_NORMAL, self.normals)
+            .with_inserted_attribute(Mesh::ATTRIBUTE_UV_0, self.uvs)
             .with_inserted_attribute(Mesh::ATTRIBUTE_TANGENT, tangents)
             .with_inserted_indices(Indices::U32(self.indices))
     }
@@ -377,4 +371,24 @@ pub fn segments(base: u32, detail: f32) -> u32 {
 /// A rotation about the y axis, in degrees.
 pub fn turned(degrees: f32) -> Quat {
     Quat::from_rotation_y(degrees.to_radians())
+}
+
+/// Corners of a level rectangle between two corners (x and z), for a quad that faces up.
+pub fn level_corners(low: Vec2, high: Vec2, y: f32) -> [Vec3; 4] {
+    [(low.x, high.y), (high.x, high.y), (high.x, low.y), (low.x, low.y)].map(|(x, z)| vec3(x, y, z))
+}
+
+/// Corners of an upright rectangle between two corners (x and y), for a quad that faces +z.
+pub fn upright_corners(low: Vec2, high: Vec2, z: f32) -> [Vec3; 4] {
+    [(low.x, low.y), (high.x, low.y), (high.x, high.y), (low.x, high.y)].map(|(x, y)| vec3(x, y, z))
+}
+
+/// The corners of a quad, which face the other way if `front` is false.
+pub fn facing(front: bool, [a, b, c, d]: [Vec3; 4]) -> [Vec3; 4] {
+    if front { [a, b, c, d] } else { [b, a, d, c] }
+}
+
+/// A point of the smooth line (Catmull-Rom) through four points, from the second at 0 to the third at 1.
+pub fn catmull_rom([a, b, c, d]: [Vec3; 4], s: f32) -> Vec3 {
+    0.5 * (2.0 * b + (c - a) * s + (2.0 * a - 5.0 * b + 4.0 * c - d) * s * s + (3.0 * b - a - 3.0 * c + d) * s * s * s)
 }

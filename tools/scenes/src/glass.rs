@@ -1,24 +1,8 @@
 //! Windows, bottles and a pool before coloured objects, of several roughnesses. The same surfaces exist opaque and black, so that a
 //! technique's reflections on glass can be compared with its reflections on other surfaces.
 
-use crate::{
-    builder::{SceneBuilder, SceneMesh},
-    camera_path::CameraPath,
-    environment::{Environment, SceneOptions},
-    geometry::segments,
-    sky::{Sky, sun_direction},
-    texture::Texel,
-};
-use bevy::{
-    asset::Handle,
-    color::Color,
-    ecs::{entity::Entity, world::World},
-    image::Image,
-    math::{Vec2, Vec3, ops, vec2, vec3},
-    pbr::{ScreenSpaceTransmission, StandardMaterial},
-    prelude::AlphaMode,
-    transform::components::Transform,
-};
+use crate::prelude::*;
+use bevy::pbr::ScreenSpaceTransmission;
 use std::f32::consts::TAU;
 
 /// The camera walks along the pool.
@@ -53,18 +37,7 @@ pub fn environment(world: &mut World) -> Environment {
 pub fn spawn(world: &mut World, options: &SceneOptions, finish: Finish) -> Entity {
     let mut scene = SceneBuilder::new(world);
     surroundings(&mut scene);
-    let panel = scene.shape(|g| {
-        let corner = |x: f32, y: f32| vec3(x, y, 0.0);
-        g.quad(
-            [
-                corner(-1.0, -1.0),
-                corner(1.0, -1.0),
-                corner(1.0, 1.0),
-                corner(-1.0, 1.0),
-            ],
-            Vec2::ONE,
-        );
-    });
+    let panel = scene.shape(|g| g.quad(upright_corners(Vec2::NEG_ONE, Vec2::ONE, 0.0), Vec2::ONE));
     for (x, roughness) in [(-3.2, 0.0), (0.0, 0.15), (3.2, 0.35)] {
         let window = scene.material(glass(finish, roughness, None));
         let at = Transform::from_xyz(x, 1.5, -4.0).with_scale(vec3(1.4, 1.3, 1.0));
@@ -129,14 +102,9 @@ fn bottles(scene: &mut SceneBuilder, options: &SceneOptions, finish: Finish) {
 
 /// Unlit objects of plain colours on all sides.
 fn surroundings(scene: &mut SceneBuilder) {
-    let unlit = |(red, green, blue)| StandardMaterial {
-        base_color: Color::linear_rgb(red, green, blue),
-        unlit: true,
-        ..Default::default()
-    };
     let cuboid = scene.shape(|g| g.cuboid(Vec3::ZERO, Vec3::ONE, 1.0));
-    let mut place = |color, center: Vec3, size: Vec3| {
-        let material = scene.material(unlit(color));
+    let mut place = |(red, green, blue), center: Vec3, size: Vec3| {
+        let material = scene.material(unlit(Color::linear_rgb(red, green, blue)));
         let at = Transform::from_translation(center).with_scale(size);
         scene.place(&cuboid, &material, at);
     };

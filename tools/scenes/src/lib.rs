@@ -29,6 +29,7 @@ mod materials;
 mod missing_images;
 mod moving;
 mod patterns;
+mod prelude;
 mod props;
 mod random;
 #[cfg(not(target_arch = "wasm32"))]

@@ -1,9 +1,6 @@
 //! Finishes that several scenes use.
 
-use bevy::{
-    color::{Color, LinearRgba},
-    pbr::StandardMaterial,
-};
+use bevy::prelude::*;
 
 /// A plain dielectric.
 pub fn gloss(base_color: Color, perceptual_roughness: f32) -> StandardMaterial {
@@ -28,6 +25,15 @@ pub fn glow(emissive: LinearRgba) -> StandardMaterial {
         emissive,
         reflectance: 0.0,
         ..gloss(Color::BLACK, 1.0)
+    }
+}
+
+/// A surface that shows its colour in any light.
+pub fn unlit(base_color: Color) -> StandardMaterial {
+    StandardMaterial {
+        base_color,
+        unlit: true,
+        ..Default::default()
     }
 }
 

@@ -4,7 +4,7 @@ use crate::{
     random::{fractal, hash, smooth, veins},
     texture::Texel,
 };
-use bevy::math::{Vec2, Vec3, ops, vec2, vec3};
+use bevy::prelude::*;
 use std::f32::consts::TAU;
 
 pub(crate) fn mix(a: Vec3, b: Vec3, t: f32) -> Vec3 {
@@ -15,6 +15,14 @@ pub(crate) fn mix(a: Vec3, b: Vec3, t: f32) -> Vec3 {
 pub(crate) fn edge(p: Vec2) -> Vec2 {
     let f = p - p.floor();
     f.min(Vec2::ONE - f)
+}
+
+/// Stones in rows, every second row shifted by half a stone: the place in cells, and column and row of the stone there.
+pub(crate) fn running_bond(uv: Vec2, columns: i32, rows: f32) -> (Vec2, i32, i32) {
+    let row = (uv.y * rows).floor();
+    let shift = if row as i32 % 2 == 0 { 0.0 } else { 0.5 };
+    let grid = vec2(uv.x * columns as f32 + shift, uv.y * rows);
+    (grid, (grid.x.floor() as i32).rem_euclid(columns), row as i32)
 }
 
 /// Polished slabs, two by two, in two stones with brass inlay; their polish varies from slab to slab and with smeared, wet-looking patches.
@@ -53,17 +61,13 @@ pub fn polished_tiles(uv: Vec2) -> Texel {
 
 /// Running-bond brick with recessed mortar: 4 courses of 2 bricks per unit.
 pub fn brick(uv: Vec2) -> Texel {
-    let rows = 8.0;
-    let row = (uv.y * rows).floor();
-    let shift = if row as i32 % 2 == 0 { 0.0 } else { 0.5 };
-    let grid = vec2(uv.x * 4.0 + shift, uv.y * rows);
-    let id = ((grid.x.floor() as i32).rem_euclid(4), row as i32);
+    let (grid, x, y) = running_bond(uv, 4, 8.0);
     let rough = fractal(uv, 12, 5, 9);
-    let e = edge(grid) / vec2(4.0, rows) + (rough - 0.5) * 0.006;
+    let e = edge(grid) / vec2(4.0, 8.0) + (rough - 0.5) * 0.006;
     let body = smooth(0.006, 0.013, e.min_element());
-    let tone = hash(id.0, id.1, 17);
+    let tone = hash(x, y, 17);
     let clay = mix(vec3(0.47, 0.22, 0.15), vec3(0.66, 0.37, 0.25), tone) * (0.82 + 0.36 * rough);
-    let clay = if hash(id.0, id.1, 5) > 0.86 { clay * 0.62 } else { clay };
+    let clay = if hash(x, y, 5) > 0.86 { clay * 0.62 } else { clay };
     let mortar = Vec3::splat(0.60) * vec3(1.0, 0.96, 0.9) * (0.85 + 0.3 * fractal(uv, 48, 2, 3));
     Texel {
         color: mix(mortar, clay, body),
@@ -90,15 +94,12 @@ pub fn plaster(uv: Vec2) -> Texel {
 
 /// Large cut stone blocks with thin joints.
 pub fn stone_blocks(uv: Vec2) -> Texel {
-    let row = (uv.y * 4.0).floor();
-    let shift = if row as i32 % 2 == 0 { 0.0 } else { 0.5 };
-    let grid = vec2(uv.x * 2.0 + shift, uv.y * 4.0);
-    let id = ((grid.x.floor() as i32).rem_euclid(2), row as i32);
+    let (grid, x, y) = running_bond(uv, 2, 4.0);
     let e = (edge(grid) / vec2(2.0, 4.0)).min_element();
     let body = smooth(0.003, 0.008, e);
     let grain = fractal(uv, 20, 5, 13);
     let stain = fractal(uv, 4, 4, 29);
-    let tone = hash(id.0, id.1, 40);
+    let tone = hash(x, y, 40);
     let stone =
         mix(vec3(0.69, 0.61, 0.49), vec3(0.80, 0.73, 0.61), tone) * (0.80 + 0.25 * grain) * (0.86 + 0.24 * stain);
     Texel {

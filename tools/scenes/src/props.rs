@@ -1,11 +1,7 @@
 //! Objects that several scenes share.
 
 use crate::{geometry::Geometry, random::Random};
-use bevy::{
-    material::AlphaMode,
-    math::{Vec2, Vec3, ops, vec2, vec3},
-    pbr::StandardMaterial,
-};
+use bevy::prelude::*;
 use std::f32::consts::{PI, TAU};
 
 /// A column on a square base under a square capital, `height` in all.
@@ -21,14 +17,12 @@ pub fn column(g: &mut Geometry, height: f32, radius: f32, segments: u32) {
         p(1.42, base + 0.12 * r),
         p(1.35, base + 0.26 * r),
         p(1.12, base + 0.30 * r),
-    ];
-    profile.extend([
         p(1.12, base + 0.40 * r),
         p(1.22, base + 0.48 * r),
         p(1.14, base + 0.58 * r),
         p(1.0, base + 0.62 * r),
-    ]);
-    profile.push(p(1.0, base + 0.62 * r));
+        p(1.0, base + 0.62 * r),
+    ];
     // The shaft swells a little and narrows upwards.
     for i in 0..=4 {
         let t = i as f32 / 4.0;
@@ -42,8 +36,6 @@ pub fn column(g: &mut Geometry, height: f32, radius: f32, segments: u32) {
         p(0.98, top - 1.45 * r),
         p(1.0, top - 1.36 * r),
         p(0.86, top - 1.28 * r),
-    ]);
-    profile.extend([
         p(0.88, top - 0.9 * r),
         p(1.02, top - 0.5 * r),
         p(1.28, top - 0.15 * r),
@@ -183,11 +175,8 @@ pub fn lantern(g: &mut Geometry, height: f32, radius: f32, segments: u32) {
     for i in 0..6 {
         let angle = i as f32 / 6.0 * TAU;
         let at = vec3(ops::cos(angle) * 0.9 * radius, 0.0, ops::sin(angle) * 0.9 * radius);
-        g.tube(
-            &[at - Vec3::Y * 0.78 * height, at - Vec3::Y * 0.29 * height],
-            0.06 * radius,
-            6,
-        );
+        let [low, high] = [0.78, 0.29].map(|below| at - Vec3::Y * below * height);
+        g.tube(&[low, high], 0.06 * radius, 6);
     }
 }
 

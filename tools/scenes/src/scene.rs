@@ -8,20 +8,14 @@ use crate::{
     environment::{Environment, SceneOptions},
     glass::{self, Finish},
     held_out::{arcade, bathroom, brushed, corridor, pedestal, pond, showroom},
-    moving, shapes,
-    sky::Sky,
-    small, street, temple,
+    moving, shapes, small, street, temple,
 };
-use bevy::{
-    camera::PerspectiveProjection,
-    ecs::{entity::Entity, world::World},
-    transform::components::Transform,
-};
+use bevy::prelude::*;
 use std::{error::Error, fmt};
-use strum::{Display, EnumString, IntoStaticStr};
+use strum::{Display, EnumString, IntoStaticStr, VariantArray};
 
 /// A scene that can be spawned. Its name is the variant's in lower case, with underscores or hyphens.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Display, EnumString, IntoStaticStr)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Display, EnumString, IntoStaticStr, VariantArray)]
 #[strum(serialize_all = "snake_case", ascii_case_insensitive)]
 #[strum(parse_err_ty = UnknownScene, parse_err_fn = unknown_scene)]
 pub enum SceneName {
@@ -79,29 +73,11 @@ pub enum SceneName {
 
 impl SceneName {
     /// Every scene.
-    pub const ALL: [SceneName; 21] = [
-        SceneName::Demo,
-        SceneName::Atrium,
-        SceneName::AtriumSmall,
-        SceneName::Temple,
-        SceneName::Street,
-        SceneName::AtriumMoving,
-        SceneName::TempleMoving,
-        SceneName::StreetMoving,
-        SceneName::MirrorRoom,
-        SceneName::Furnace,
-        SceneName::EmissiveFloor,
-        SceneName::Shapes,
-        SceneName::Glass,
-        SceneName::BlackGlass,
-        SceneName::Arcade,
-        SceneName::Brushed,
-        SceneName::Bathroom,
-        SceneName::Pond,
-        SceneName::Showroom,
-        SceneName::Corridor,
-        SceneName::Pedestal,
-    ];
+    pub const ALL: [SceneName; SceneName::VARIANTS.len()] = {
+        let mut all = [SceneName::Demo; SceneName::VARIANTS.len()];
+        all.copy_from_slice(SceneName::VARIANTS);
+        all
+    };
 
     /// Scenes for judging settings that were tuned on other scenes.
     pub const HELD_OUT: [SceneName; 7] = [
@@ -144,62 +120,83 @@ pub fn spawn(name: SceneName, world: &mut World) -> Entity {
 
 /// Like [`spawn`], with options.
 pub fn spawn_with(name: SceneName, world: &mut World, options: &SceneOptions) -> Entity {
-    let options = options.clamped();
-    let root = match name {
-        SceneName::Demo => demo::spawn(world, &options),
-        SceneName::Atrium => atrium::spawn(world, &options, Richness::Rich),
-        SceneName::AtriumSmall => atrium::spawn(world, &options, Richness::Plain),
-        SceneName::Temple => temple::spawn(world, &options),
-        SceneName::Street => street::spawn(world, &options),
-        SceneName::AtriumMoving | SceneName::TempleMoving | SceneName::StreetMoving => {
-            let (place, cast) = match name {
-                SceneName::TempleMoving => (SceneName::Temple, &moving::TEMPLE),
-                SceneName::StreetMoving => (SceneName::Street, &moving::STREET),
-                _ => (SceneName::Atrium, &moving::ATRIUM),
-            };
-            let root = spawn_with(place, world, &options);
-            moving::add(world, root, cast, &options)
-        }
-        SceneName::MirrorRoom => small::mirror_room(world),
-        SceneName::Furnace => small::furnace(world),
-        SceneName::EmissiveFloor => small::emissive_floor(world),
-        SceneName::Shapes => shapes::spawn(world, &options),
-        SceneName::Glass => glass::spawn(world, &options, Finish::Clear),
-        SceneName::BlackGlass => glass::spawn(world, &options, Finish::Opaque),
-        SceneName::Arcade => arcade::spawn(world, &options),
-        SceneName::Brushed => brushed::spawn(world, &options),
-        SceneName::Bathroom => bathroom::spawn(world, &options),
-        SceneName::Pond => pond::spawn(world, &options),
-        SceneName::Showroom => showroom::spawn(world, &options),
-        SceneName::Corridor => corridor::spawn(world, &options),
-        SceneName::Pedestal => pedestal::spawn(world, &options),
-    };
+    let root = (Recipe::of(name).spawn)(world, &options.clamped());
     // Animated objects start at their places for time zero, with or without the animation.
     set_time(world, 0.0);
     root
 }
 
+/// Everything that makes a scene.
+struct Recipe {
+    path: CameraPath,
+    environment: fn(&mut World) -> Environment,
+    /// Spawns everything but the camera, and returns the root.
+    spawn: fn(&mut World, &SceneOptions) -> Entity,
+}
+
+impl Recipe {
+    const fn new(
+        path: CameraPath,
+        environment: fn(&mut World) -> Environment,
+        spawn: fn(&mut World, &SceneOptions) -> Entity,
+    ) -> Self {
+        Self {
+            path,
+            environment,
+            spawn,
+        }
+    }
+
+    const fn of(scene: SceneName) -> Self {
+        match scene {
+            SceneName::Demo => Self::new(demo::PATH, demo::environment, demo::spawn),
+            SceneName::Atrium => Self::new(atrium::PATH, atrium::environment, |world, options| {
+                atrium::spawn(world, options, Richness::Rich)
+            }),
+            SceneName::AtriumSmall => Self::new(atrium::PATH, atrium::environment, |world, options| {
+                atrium::spawn(world, options, Richness::Plain)
+            }),
+            SceneName::Temple => Self::new(temple::PATH, temple::environment, temple::spawn),
+            SceneName::Street => Self::new(street::PATH, street::environment, street::spawn),
+            SceneName::AtriumMoving => Self::new(atrium::PATH, atrium::environment, |world, options| {
+                moving::add(
+                    atrium::spawn(world, options, Richness::Rich),
+                    &moving::ATRIUM,
+                    world,
+                    options,
+                )
+            }),
+            SceneName::TempleMoving => Self::new(temple::PATH, temple::environment, |world, options| {
+                moving::add(temple::spawn(world, options), &moving::TEMPLE, world, options)
+            }),
+            SceneName::StreetMoving => Self::new(street::PATH, street::environment, |world, options| {
+                moving::add(street::spawn(world, options), &moving::STREET, world, options)
+            }),
+            SceneName::MirrorRoom => Self::new(small::MIRROR_ROOM_PATH, small::dark, small::mirror_room),
+            SceneName::Furnace => Self::new(small::FURNACE_PATH, small::white, small::furnace),
+            SceneName::EmissiveFloor => Self::new(small::EMISSIVE_FLOOR_PATH, small::dark, small::emissive_floor),
+            SceneName::Shapes => Self::new(shapes::PATH, shapes::environment, shapes::spawn),
+            SceneName::Glass => Self::new(glass::PATH, glass::environment, |world, options| {
+                glass::spawn(world, options, Finish::Clear)
+            }),
+            SceneName::BlackGlass => Self::new(glass::PATH, glass::environment, |world, options| {
+                glass::spawn(world, options, Finish::Opaque)
+            }),
+            SceneName::Arcade => Self::new(arcade::PATH, arcade::environment, arcade::spawn),
+            SceneName::Brushed => Self::new(brushed::PATH, brushed::environment, brushed::spawn),
+            SceneName::Bathroom => Self::new(bathroom::PATH, bathroom::environment, bathroom::spawn),
+            SceneName::Pond => Self::new(pond::PATH, pond::environment, pond::spawn),
+            SceneName::Showroom => Self::new(showroom::PATH, showroom::environment, showroom::spawn),
+            SceneName::Corridor => Self::new(corridor::PATH, corridor::environment, corridor::spawn),
+            SceneName::Pedestal => Self::new(pedestal::PATH, pedestal::environment, pedestal::spawn),
+        }
+    }
+}
+
 impl CameraPath {
     /// The path of a scene: a walk through the places, a loop in front of the small scenes. It starts at the scene's [`camera`].
     pub const fn of(scene: SceneName) -> Self {
-        match scene {
-            SceneName::Demo => demo::PATH,
-            SceneName::Atrium | SceneName::AtriumSmall | SceneName::AtriumMoving => atrium::PATH,
-            SceneName::Temple | SceneName::TempleMoving => temple::PATH,
-            SceneName::Street | SceneName::StreetMoving => street::PATH,
-            SceneName::MirrorRoom => small::MIRROR_ROOM_PATH,
-            SceneName::Furnace => small::FURNACE_PATH,
-            SceneName::EmissiveFloor => small::EMISSIVE_FLOOR_PATH,
-            SceneName::Shapes => shapes::PATH,
-            SceneName::Glass | SceneName::BlackGlass => glass::PATH,
-            SceneName::Arcade => arcade::PATH,
-            SceneName::Brushed => brushed::PATH,
-            SceneName::Bathroom => bathroom::PATH,
-            SceneName::Pond => pond::PATH,
-            SceneName::Showroom => showroom::PATH,
-            SceneName::Corridor => corridor::PATH,
-            SceneName::Pedestal => pedestal::PATH,
-        }
+        Recipe::of(scene).path
     }
 }
 
@@ -219,23 +216,7 @@ pub fn camera(name: SceneName) -> (Transform, PerspectiveProjection) {
 
 /// The sky, exposure and tone mapping of a scene.
 pub fn environment(name: SceneName, world: &mut World) -> Environment {
-    match name {
-        SceneName::Demo => demo::environment(world),
-        SceneName::Atrium | SceneName::AtriumSmall | SceneName::AtriumMoving => atrium::environment(world),
-        SceneName::Temple | SceneName::TempleMoving => temple::environment(world),
-        SceneName::Street | SceneName::StreetMoving => street::environment(world),
-        SceneName::Shapes => shapes::environment(world),
-        SceneName::Glass | SceneName::BlackGlass => glass::environment(world),
-        SceneName::Arcade => arcade::environment(world),
-        SceneName::Brushed => brushed::environment(world),
-        SceneName::Bathroom => bathroom::environment(world),
-        SceneName::Pond => pond::environment(world),
-        SceneName::Showroom => showroom::environment(world),
-        SceneName::Corridor => corridor::environment(world),
-        SceneName::Pedestal => pedestal::environment(world),
-        SceneName::Furnace => small::environment(world, Some(Sky::White)),
-        SceneName::MirrorRoom | SceneName::EmissiveFloor => small::environment(world, None),
-    }
+    (Recipe::of(name).environment)(world)
 }
 
 #[cfg(test)]

@@ -2,22 +2,7 @@
 //! bays, of dielectrics, metals and clearcoats, contain each shape once, and each roughness once. Only the shapes reflect, so that any
 //! surplus or loss of reflected light is theirs.
 
-use crate::{
-    builder::SceneBuilder,
-    camera_path::CameraPath,
-    environment::{Environment, SceneOptions},
-    geometry::{Geometry, turned},
-    materials::{gloss, metal},
-    sky::{Sky, sun_direction},
-    texture::Texel,
-};
-use bevy::{
-    color::Color,
-    ecs::{entity::Entity, name::Name, world::World},
-    math::{Vec2, Vec3, Vec3Swizzles, ops, vec3},
-    pbr::StandardMaterial,
-    transform::components::Transform,
-};
+use crate::prelude::*;
 use std::f32::consts::{PI, TAU};
 
 /// Perceptual roughness of the shapes of a bay.
@@ -94,23 +79,7 @@ fn front(index: usize) -> Vec3 {
 
 /// Plain ground, and lamps that shapes of low roughness reflect.
 fn surroundings(scene: &mut SceneBuilder) {
-    let unlit = |color| StandardMaterial {
-        base_color: color,
-        unlit: true,
-        ..Default::default()
-    };
-    let ground = scene.shape(|g| {
-        let corner = |x: f32, z: f32| 300.0 * vec3(x, 0.0, z);
-        g.quad(
-            [
-                corner(-1.0, 1.0),
-                corner(1.0, 1.0),
-                corner(1.0, -1.0),
-                corner(-1.0, -1.0),
-            ],
-            Vec2::ONE,
-        );
-    });
+    let ground = scene.shape(|g| g.quad(level_corners(Vec2::splat(-300.0), Vec2::splat(300.0), 0.0), Vec2::ONE));
     let earth = scene.material(unlit(Color::linear_rgb(0.12, 0.1, 0.08)));
     scene.place(&ground, &earth, Transform::IDENTITY);
     let lamp = scene.shape(|g| g.cuboid(Vec3::ZERO, Vec3::splat(2.5), 1.0));

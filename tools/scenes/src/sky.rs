@@ -2,10 +2,9 @@
 
 use crate::random::{noise, smooth};
 use bevy::{
-    asset::{Assets, RenderAssetUsages},
-    image::{Image, ImageSampler, ToExtents},
-    light::EnvironmentMapLight,
-    math::{UVec3, Vec2, Vec3, ops, vec2, vec3},
+    asset::RenderAssetUsages,
+    image::{ImageSampler, ToExtents},
+    prelude::*,
     render::render_resource::{TextureDimension, TextureFormat, TextureViewDescriptor, TextureViewDimension},
 };
 use half::f16;
@@ -70,7 +69,7 @@ impl Sky {
     }
 
     /// Bakes the sky's image for the camera.
-    pub fn background(&self, images: &mut Assets<Image>) -> bevy::asset::Handle<Image> {
+    pub fn background(&self, images: &mut Assets<Image>) -> Handle<Image> {
         let size = if *self == Sky::White { 4 } else { 256 };
         images.add(cube_image(&[Cube::bake(size, |direction| self.radiance(direction))]))
     }

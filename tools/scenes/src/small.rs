@@ -1,46 +1,17 @@
 //! Small scenes with known answers, for tests.
 
-use crate::{
-    builder::SceneBuilder,
-    camera_path::CameraPath,
-    environment::Environment,
-    materials::{gloss, glow, metal},
-    sky::Sky,
-};
-use bevy::{
-    camera::Exposure,
-    color::{Color, LinearRgba},
-    core_pipeline::tonemapping::Tonemapping,
-    ecs::{entity::Entity, world::World},
-    math::{Quat, Vec2, Vec3, vec2, vec3},
-    pbr::StandardMaterial,
-    transform::components::Transform,
-};
+use crate::prelude::*;
+use bevy::{camera::Exposure, core_pipeline::tonemapping::Tonemapping};
 
 /// EV100 at which the exposure factor is one: 2^-ev / 1.2 = 1.
 const UNIT_EXPOSURE: f32 = -0.263_034_4;
 
-fn unlit(color: Color) -> StandardMaterial {
-    StandardMaterial {
-        base_color: color,
-        unlit: true,
-        ..Default::default()
-    }
-}
-
 /// A mirror floor at y = 0 (4 by 4 metres) and four unlit shapes above it, no two alike.
-pub fn mirror_room(world: &mut World) -> Entity {
+pub fn mirror_room(world: &mut World, _: &SceneOptions) -> Entity {
     let mut scene = SceneBuilder::new(world);
     let floor = scene.shape(|g| {
-        g.quad(
-            [
-                vec3(-2.0, 0.0, 2.0),
-                vec3(2.0, 0.0, 2.0),
-                vec3(2.0, 0.0, -2.0),
-                vec3(-2.0, 0.0, -2.0),
-            ],
-            Vec2::splat(4.0),
-        );
+        let corners = level_corners(Vec2::splat(-2.0), Vec2::splat(2.0), 0.0);
+        g.quad(corners, Vec2::splat(4.0));
     });
     let mirror = scene.material(metal(Color::WHITE, 0.0));
     scene.place(&floor, &mirror, Transform::IDENTITY);
@@ -51,28 +22,14 @@ pub fn mirror_room(world: &mut World) -> Entity {
     let green = scene.material(unlit(Color::linear_rgb(0.05, 0.6, 0.1)));
     let blue = scene.material(unlit(Color::linear_rgb(0.1, 0.15, 0.9)));
     let yellow = scene.material(unlit(Color::linear_rgb(0.9, 0.7, 0.05)));
-    scene.place(
-        &cube,
-        &red,
-        Transform::from_xyz(-0.9, 0.8, -0.3).with_scale(vec3(0.3, 0.9, 0.3)),
-    );
-    scene.place(
-        &sphere,
-        &green,
-        Transform::from_xyz(0.1, 0.65, -0.6).with_scale(Vec3::splat(0.35)),
-    );
-    scene.place(
-        &cube,
-        &blue,
-        Transform::from_xyz(0.95, 0.5, 0.0)
-            .with_rotation(Quat::from_euler(bevy::math::EulerRot::XYZ, 0.5, 0.6, 0.2))
-            .with_scale(Vec3::splat(0.4)),
-    );
-    scene.place(
-        &cube,
-        &yellow,
-        Transform::from_xyz(0.35, 1.25, -0.2).with_scale(vec3(0.9, 0.12, 0.12)),
-    );
+    let tall = Transform::from_xyz(-0.9, 0.8, -0.3).with_scale(vec3(0.3, 0.9, 0.3));
+    scene.place(&cube, &red, tall);
+    let ball = Transform::from_xyz(0.1, 0.65, -0.6).with_scale(Vec3::splat(0.35));
+    scene.place(&sphere, &green, ball);
+    let tilted = Transform::from_xyz(0.95, 0.5, 0.0).with_rotation(Quat::from_euler(EulerRot::XYZ, 0.5, 0.6, 0.2));
+    scene.place(&cube, &blue, tilted.with_scale(Vec3::splat(0.4)));
+    let bar = Transform::from_xyz(0.35, 1.25, -0.2).with_scale(vec3(0.9, 0.12, 0.12));
+    scene.place(&cube, &yellow, bar);
     scene.finish()
 }
 
@@ -80,7 +37,7 @@ pub fn mirror_room(world: &mut World) -> Entity {
 pub const FURNACE_ROUGHNESS: [f32; 6] = [0.0, 0.2, 0.4, 0.6, 0.8, 1.0];
 
 /// White spheres: the upper row metal, the lower dielectric; roughness grows to the right.
-pub fn furnace(world: &mut World) -> Entity {
+pub fn furnace(world: &mut World, _: &SceneOptions) -> Entity {
     let mut scene = SceneBuilder::new(world);
     let sphere = scene.shape(|g| g.sphere(Vec3::ZERO, 0.42, 64, Vec2::ONE));
     for (row, metallic) in [(0, 0.0), (1, 1.0)] {
@@ -89,30 +46,17 @@ pub fn furnace(world: &mut World) -> Entity {
                 metallic,
                 ..gloss(Color::WHITE, perceptual_roughness)
             });
-            scene.place(
-                &sphere,
-                &material,
-                Transform::from_xyz(column as f32 - 2.5, row as f32 - 0.5, 0.0),
-            );
+            let at = Transform::from_xyz(column as f32 - 2.5, row as f32 - 0.5, 0.0);
+            scene.place(&sphere, &material, at);
         }
     }
     scene.finish()
 }
 
 /// Glowing shapes with black albedo over a row of floors. A ray off a floor either sees an emitter or nothing, so one bounce is enough.
-pub fn emissive_floor(world: &mut World) -> Entity {
+pub fn emissive_floor(world: &mut World, _: &SceneOptions) -> Entity {
     let mut scene = SceneBuilder::new(world);
-    let panel = scene.shape(|g| {
-        g.quad(
-            [
-                vec3(-0.5, 0.0, 1.5),
-                vec3(0.5, 0.0, 1.5),
-                vec3(0.5, 0.0, -1.5),
-                vec3(-0.5, 0.0, -1.5),
-            ],
-            vec2(1.0, 3.0),
-        );
-    });
+    let panel = scene.shape(|g| g.quad(level_corners(vec2(-0.5, -1.5), vec2(0.5, 1.5), 0.0), vec2(1.0, 3.0)));
     let floors = [(1.0, 0.0), (1.0, 0.2), (1.0, 0.5), (0.0, 0.0), (0.0, 0.2), (0.0, 0.5)];
     for (column, (metallic, perceptual_roughness)) in floors.into_iter().enumerate() {
         let base_color = if metallic > 0.5 {
@@ -124,11 +68,8 @@ pub fn emissive_floor(world: &mut World) -> Entity {
             metallic,
             ..gloss(base_color, perceptual_roughness)
         });
-        scene.place(
-            &panel,
-            &material,
-            Transform::from_xyz(1.02 * (column as f32 - 2.5), 0.0, 0.0),
-        );
+        let at = Transform::from_xyz(1.02 * (column as f32 - 2.5), 0.0, 0.0);
+        scene.place(&panel, &material, at);
     }
     let cube = scene.shape(|g| g.cuboid(Vec3::ZERO, Vec3::ONE, 1.0));
     let sphere = scene.shape(|g| g.sphere(Vec3::ZERO, 1.0, 48, Vec2::ONE));
@@ -141,27 +82,28 @@ pub fn emissive_floor(world: &mut World) -> Entity {
     .map(|color| scene.material(glow(color)));
     for column in 0..6usize {
         let x = 1.02 * (column as f32 - 2.5);
-        scene.place(
-            &cube,
-            &colors[column % 4],
-            Transform::from_xyz(x - 0.15, 0.55, -0.7).with_scale(vec3(0.3, 0.7, 0.3)),
-        );
-        scene.place(
-            &sphere,
-            &colors[(column + 1) % 4],
-            Transform::from_xyz(x + 0.22, 0.4, 0.0).with_scale(Vec3::splat(0.16)),
-        );
+        let box_at = Transform::from_xyz(x - 0.15, 0.55, -0.7).with_scale(vec3(0.3, 0.7, 0.3));
+        scene.place(&cube, &colors[column % 4], box_at);
+        let ball_at = Transform::from_xyz(x + 0.22, 0.4, 0.0).with_scale(Vec3::splat(0.16));
+        scene.place(&sphere, &colors[(column + 1) % 4], ball_at);
     }
     scene.finish()
 }
 
-/// Exposure one, no tone curve: the image contains the computed values. Without a sky only emitters give light.
-pub fn environment(world: &mut World, sky: Option<Sky>) -> Environment {
-    let lit = sky.map(|sky| Environment::under(world, sky, 1.0, UNIT_EXPOSURE));
+/// Exposure one, no tone curve: the image contains the computed values. Only emitters give light.
+pub fn dark(_world: &mut World) -> Environment {
     Environment {
         exposure: Exposure { ev100: UNIT_EXPOSURE },
         tonemapping: Tonemapping::None,
-        ..lit.unwrap_or_default()
+        ..Default::default()
+    }
+}
+
+/// Exposure one and no tone curve under a white sky.
+pub fn white(world: &mut World) -> Environment {
+    Environment {
+        tonemapping: Tonemapping::None,
+        ..Environment::under(world, Sky::White, 1.0, UNIT_EXPOSURE)
     }
 }
 

@@ -1,12 +1,10 @@
 //! Textures from code, with mip chains.
 
 use bevy::{
-    asset::{Assets, Handle, RenderAssetUsages},
-    color::Srgba,
-    image::{Image, ImageAddressMode, ImageFilterMode, ImageSampler, ImageSamplerDescriptor},
-    math::{Vec2, Vec3, vec2, vec3},
-    pbr::StandardMaterial,
-    render::render_resource::{Extent3d, TextureDimension, TextureFormat},
+    asset::RenderAssetUsages,
+    image::{ImageAddressMode, ImageFilterMode, ImageSampler, ImageSamplerDescriptor, ToExtents},
+    prelude::*,
+    render::render_resource::{TextureDimension, TextureFormat},
 };
 use rayon::prelude::*;
 
@@ -112,11 +110,7 @@ pub fn texture(size: u32, level_zero: Vec<u8>, content: Content) -> Image {
     } else {
         TextureFormat::Rgba8Unorm
     };
-    let extent = Extent3d {
-        width: size,
-        height: size,
-        depth_or_array_layers: 1,
-    };
+    let extent = UVec2::splat(size).to_extents();
     let mut image = Image::new_uninit(extent, TextureDimension::D2, format, RenderAssetUsages::default());
     image.texture_descriptor.mip_level_count = levels;
     image.data = Some(data);
@@ -158,12 +152,8 @@ pub fn mip_chain(width: u32, height: u32, level_zero: Vec<u8>, content: Content)
     let mut level: Vec<[f32; 4]> = level_zero
         .chunks_exact(4)
         .map(|t| {
-            [
-                decode[t[0] as usize],
-                decode[t[1] as usize],
-                decode[t[2] as usize],
-                t[3] as f32 / 255.0,
-            ]
+            let [r, g, b] = [t[0], t[1], t[2]].map(|byte| decode[byte as usize]);
+            [r, g, b, t[3] as f32 / 255.0]
         })
         .collect();
     let mut levels = 1;

@@ -4,13 +4,8 @@ use super::{
     Materials, Richness, carving,
     elements::{arch, balustrade, cornice, vault},
     plan::*,
-    segments,
 };
-use crate::{builder::SceneBuilder, geometry::Geometry, props};
-use bevy::{
-    math::{vec2, vec3},
-    transform::components::Transform,
-};
+use crate::prelude::*;
 
 pub fn build(scene: &mut SceneBuilder, m: &Materials, detail: f32, richness: Richness) {
     shell(scene, m, richness.choose(0.4, 0.2));
@@ -41,7 +36,6 @@ pub fn build(scene: &mut SceneBuilder, m: &Materials, detail: f32, richness: Ric
         ];
         let balustrade = scene.shape(|g| balustrade(g, side.bay - 0.44, detail));
         let vault = scene.shape(|g| vault(g, side.bay, WALK, LOWER_SPRING, 1.35, segments(10, detail)));
-        let _bevel = if detail < 1.5 { 1 } else { 2 };
         let respond = scene.shape(|g| respond(g, detail));
         for i in 0..side.bays {
             let x = side.middle(i);
@@ -102,17 +96,7 @@ fn shell(scene: &mut SceneBuilder, m: &Materials, paving: f32) {
         for (i, j) in (0..columns).flat_map(|i| (0..rows).map(move |j| (i as f32, j as f32))) {
             let step = vec2(2.0 * x / columns as f32, 2.0 * z / rows as f32);
             let low = vec2(-x, -z) + step * vec2(i, j);
-            let high = low + step;
-            let corner = |x: f32, z: f32| vec3(x, 0.0, z);
-            g.mapped_quad(
-                [
-                    corner(low.x, high.y),
-                    corner(high.x, high.y),
-                    corner(high.x, low.y),
-                    corner(low.x, low.y),
-                ],
-                paving,
-            );
+            g.mapped_quad(level_corners(low, low + step, 0.0), paving);
         }
     });
     scene.place(&ground, &m.floor, Transform::IDENTITY);
@@ -134,11 +118,8 @@ fn shell(scene: &mut SceneBuilder, m: &Materials, paving: f32) {
             }
             for end in [-1.0, 1.0] {
                 let middle = end * 0.5 * (run + WALK);
-                g.mapped_quad(
-                    [(-0.5, 0.0), (0.5, 0.0), (0.5, EAVES), (-0.5, EAVES)]
-                        .map(|(x, y)| vec3(middle + x * WALK, y, -WALK)),
-                    0.35,
-                );
+                let (low, high) = (vec2(middle - 0.5 * WALK, 0.0), vec2(middle + 0.5 * WALK, EAVES));
+                g.mapped_quad(upright_corners(low, high, -WALK), 0.35);
             }
         });
         scene.place(&wall, &m.wall, side.transform);
@@ -148,23 +129,16 @@ fn shell(scene: &mut SceneBuilder, m: &Materials, paving: f32) {
 /// One bay of an outer wall with a recessed niche on both storeys.
 fn outer_bay(g: &mut Geometry, middle: f32, bay: f32) {
     let (half, niche, depth) = (0.5 * bay, 0.30 * bay, 0.35);
-    let mut rows = vec![(0.0, 0.5, false), (0.5, 2.9, true), (2.9, UPPER_FLOOR + 0.4, false)];
-    rows.extend([
+    for (low, high, open) in [
+        (0.0, 0.5, false),
+        (0.5, 2.9, true),
+        (2.9, UPPER_FLOOR + 0.4, false),
         (UPPER_FLOOR + 0.4, UPPER_FLOOR + 2.7, true),
         (UPPER_FLOOR + 2.7, EAVES, false),
-    ]);
-    for (low, high, open) in rows {
+    ] {
         let mut panel = |left: f32, right: f32, z: f32| {
-            let corner = |x: f32, y: f32| vec3(middle + x, y, z);
-            g.mapped_quad(
-                [
-                    corner(left, low),
-                    corner(right, low),
-                    corner(right, high),
-                    corner(left, high),
-                ],
-                0.35,
-            );
+            let corners = upright_corners(vec2(middle + left, low), vec2(middle + right, high), z);
+            g.mapped_quad(corners, 0.35);
         };
         if !open {
             panel(-half, half, -WALK);
@@ -173,43 +147,7 @@ fn outer_bay(g: &mut Geometry, middle: f32, bay: f32) {
         panel(-half, -niche, -WALK);
         panel(niche, half, -WALK);
         panel(-niche, niche, -WALK - depth);
-        let (front, back) = (-WALK, -WALK - depth);
-        let p = |x: f32, y: f32, z: f32| vec3(middle + x, y, z);
-        g.mapped_quad(
-            [
-                p(-niche, low, front),
-                p(-niche, low, back),
-                p(-niche, high, back),
-                p(-niche, high, front),
-            ],
-            0.35,
-        );
-        g.mapped_quad(
-            [
-                p(niche, low, back),
-                p(niche, low, front),
-                p(niche, high, front),
-                p(niche, high, back),
-            ],
-            0.35,
-        );
-        g.mapped_quad(
-            [
-                p(-niche, low, front),
-                p(niche, low, front),
-                p(niche, low, back),
-                p(-niche, low, back),
-            ],
-            0.35,
-        );
-        g.mapped_quad(
-            [
-                p(-niche, high, back),
-                p(niche, high, back),
-                p(niche, high, front),
-                p(-niche, high, front),
-            ],
-            0.35,
-        );
+        let opening = Rect::new(middle - niche, low, middle + niche, high);
+        g.reveal(opening, -WALK, -WALK - depth, 0.35);
     }
 }

@@ -1,14 +1,6 @@
 //! Carved stone: columns with leafy capitals, brackets, rosettes and ribs.
 
-use super::segments;
-use crate::{
-    geometry::{Geometry, turned},
-    random::smooth,
-};
-use bevy::{
-    math::{Quat, Vec2, Vec3, ops, vec2, vec3},
-    transform::components::Transform,
-};
+use crate::prelude::*;
 use std::f32::consts::{PI, TAU};
 
 const FLUTES: u32 = 16;
@@ -48,19 +40,15 @@ pub fn fluted_column(g: &mut Geometry, height: f32, radius: f32, detail: f32) {
     for (length, curl, offset) in [(1.9 * r, 0.42 * r, 22.5), (1.15 * r, 0.36 * r, 0.0)] {
         leaves(g, high + 0.2 * r, r, length, curl, offset, detail);
     }
-    let mut scroll = Geometry::default();
     let (middle, steps) = (vec2(1.38 * r, 1.9 * r), segments(12, detail));
     let mut path = vec![vec3(0.0, 0.9 * r, 0.94 * r), vec3(0.0, 1.5 * r, 0.98 * r)];
     path.extend((0..=steps).map(|i| {
         let t = i as f32 / steps as f32;
         let (angle, reach) = (PI * (1.0 - 3.0 * t), r * (0.36 - 0.27 * t));
-        vec3(
-            0.0,
-            middle.y + reach * ops::sin(angle),
-            middle.x + reach * ops::cos(angle),
-        )
+        let (up, out) = (reach * ops::sin(angle), reach * ops::cos(angle));
+        vec3(0.0, middle.y + up, middle.x + out)
     }));
-    scroll.tube(&path, 0.085 * r, segments(5, detail));
+    let scroll = Geometry::of(|g| g.tube(&path, 0.085 * r, segments(5, detail)));
     for corner in 0..4 {
         let turn = turned(45.0 + 90.0 * corner as f32);
         g.append(&scroll, Transform::from_xyz(0.0, high, 0.0).with_rotation(turn));
@@ -170,15 +158,8 @@ pub fn bracket(g: &mut Geometry, width: f32, height: f32, depth: f32, rows: u32)
         });
     }
     let top = out(1.0);
-    g.quad(
-        [
-            vec3(-half, height, top),
-            vec3(half, height, top),
-            vec3(half, height, 0.0),
-            vec3(-half, height, 0.0),
-        ],
-        vec2(width, depth),
-    );
+    let corners = level_corners(vec2(-half, 0.0), vec2(half, top), height);
+    g.quad(corners, vec2(width, depth));
 }
 
 /// A flower in a ring on a wall at z = 0.
@@ -202,20 +183,18 @@ pub fn rosette(g: &mut Geometry, radius: f32, detail: f32) {
 pub fn ribs(g: &mut Geometry, width: f32, depth: f32, spring: f32, rise: f32, edge: bool, detail: f32) {
     let (steps, sides) = (segments(12, detail), segments(5, detail));
     // Even steps of the angle follow the steep ends of the curve.
-    let curve = |place: &dyn Fn(f32) -> Vec2| -> Vec<Vec3> {
-        (0..=steps)
-            .map(|i| {
-                let angle = PI * 0.98 * (i as f32 / steps as f32 - 0.5);
-                let at = place(ops::sin(angle));
-                vec3(at.x, spring + rise * ops::cos(angle) - 0.02, at.y)
-            })
-            .collect()
+    let mut rib = |radius: f32, place: &dyn Fn(f32) -> Vec2| {
+        g.curved_tube(steps, radius, sides, |t| {
+            let angle = PI * 0.98 * (t - 0.5);
+            let at = place(ops::sin(angle));
+            vec3(at.x, spring + rise * ops::cos(angle) - 0.02, at.y)
+        });
     };
     for side in [-0.5, 0.5] {
-        g.tube(&curve(&|t| vec2(0.5 * width * t, side * depth * t)), 0.06, sides);
+        rib(0.06, &|t| vec2(0.5 * width * t, side * depth * t));
     }
     if edge {
-        g.tube(&curve(&|t| vec2(-0.5 * width, 0.5 * depth * t)), 0.09, sides);
+        rib(0.09, &|t| vec2(-0.5 * width, 0.5 * depth * t));
     }
     let top = spring + rise;
     let p = |x: f32, y: f32| vec2(x, top + y);

@@ -1,21 +1,7 @@
 //! Cloth, metal, plants and the fountain.
 
-use super::{Materials, Richness, plan::*, segments};
-use crate::{
-    builder::SceneBuilder,
-    geometry::turned,
-    materials::{self, both_sides, dielectric, gloss},
-    props,
-    random::Random,
-};
-use bevy::{
-    asset::Handle,
-    color::{Color, LinearRgba},
-    light::PointLight,
-    math::{Vec2, Vec3, vec3},
-    pbr::StandardMaterial,
-    transform::components::Transform,
-};
+use super::{Materials, Richness, plan::*};
+use crate::{materials, prelude::*};
 
 const DYES: [Color; 4] = [
     Color::srgb(0.66, 0.10, 0.09),
@@ -65,11 +51,8 @@ fn curtains(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
         let short =
             scene.shape(|g| props::curtain(g, width * 0.9, 1.35, 5.0, segments(20, detail), segments(6, detail)));
         let rod = scene.shape(|g| {
-            g.tube(
-                &[vec3(-0.5 * width - 0.2, 0.0, 0.0), vec3(0.5 * width + 0.2, 0.0, 0.0)],
-                0.03,
-                segments(8, detail),
-            );
+            let ends = [vec3(-0.5 * width - 0.2, 0.0, 0.0), vec3(0.5 * width + 0.2, 0.0, 0.0)];
+            g.tube(&ends, 0.03, segments(8, detail));
         });
         for i in 0..side.bays {
             let x = side.middle(i);
@@ -113,13 +96,11 @@ fn metalwork(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
         let (from, to) = (vec3(x, height, -HALF_WIDTH), vec3(x + shift, height, HALF_WIDTH));
         let ribbon = scene.shape(|g| props::ribbon(g, from, to, sag, 0.11, turns, segments(72, detail)));
         scene.place(&ribbon, &m.gilt, Transform::IDENTITY);
-        let path: Vec<Vec3> = (0..=segments(20, detail))
-            .map(|k| {
-                let u = k as f32 / segments(20, detail) as f32;
+        let wire = scene.shape(|g| {
+            g.curved_tube(segments(20, detail), 0.012, 5, |u| {
                 from.lerp(to, u) + vec3(0.5, 0.35 - 1.6 * u * (1.0 - u), 0.0)
-            })
-            .collect();
-        let wire = scene.shape(|g| g.tube(&path, 0.012, 5));
+            });
+        });
         scene.place(&wire, &m.bronze, Transform::IDENTITY);
     }
 }
@@ -136,11 +117,8 @@ fn garden(scene: &mut SceneBuilder, m: &Materials, detail: f32, richness: Richne
             let x = (i as f32 - 2.0) * 4.0 + 0.6 * j as f32;
             let turn = turned(73.0 * (2 * i + j as u32) as f32);
             scene.place(&pot, &clay, Transform::from_xyz(x, 0.0, z));
-            scene.place(
-                &plants[(i as usize + j) % 2],
-                &m.leaf,
-                Transform::from_xyz(x, 0.56, z).with_rotation(turn),
-            );
+            let rooted = Transform::from_xyz(x, 0.56, z).with_rotation(turn);
+            scene.place(&plants[(i as usize + j) % 2], &m.leaf, rooted);
         }
     }
     let p = Vec2::new;

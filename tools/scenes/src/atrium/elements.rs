@@ -1,11 +1,6 @@
 //! Parts of the building as geometry: arches, vaults, balustrades and cornices.
 
-use super::segments;
-use crate::geometry::Geometry;
-use bevy::{
-    math::{Vec2, ops, vec2, vec3},
-    transform::components::Transform,
-};
+use crate::prelude::*;
 use std::f32::consts::PI;
 
 /// A round arch over one bay, from its springing at y = 0 to a straight top. `pier` is half the width of the pier below it.
@@ -20,20 +15,8 @@ pub fn arch(g: &mut Geometry, bay: f32, pier: f32, thickness: f32, height: f32, 
     for front in [true, false] {
         let mut panel = |a: Vec2, b: Vec2, top: f32| {
             let side = if front { z } else { -z };
-            let corners = [
-                a.extend(side),
-                b.extend(side),
-                vec3(b.x, top, side),
-                vec3(a.x, top, side),
-            ];
-            g.mapped_quad(
-                if front {
-                    corners
-                } else {
-                    [corners[1], corners[0], corners[3], corners[2]]
-                },
-                0.35,
-            );
+            let corners = [a, b, vec2(b.x, top), vec2(a.x, top)].map(|corner| corner.extend(side));
+            g.mapped_quad(facing(front, corners), 0.35);
         };
         panel(vec2(-half, 0.0), vec2(-r, 0.0), height);
         panel(vec2(r, 0.0), vec2(half, 0.0), height);
@@ -118,17 +101,10 @@ pub fn cornice(g: &mut Geometry, length: f32, height: f32, depth: f32, blocks: u
         (0.0, 1.0),
     ];
     let at = |x: f32, (z, y): (f32, f32)| vec3(x, y * height, z * depth);
+    let half = 0.5 * length;
     for pair in profile.windows(2) {
-        let half = 0.5 * length;
-        g.mapped_quad(
-            [
-                at(-half, pair[0]),
-                at(half, pair[0]),
-                at(half, pair[1]),
-                at(-half, pair[1]),
-            ],
-            0.5,
-        );
+        let (p, q) = (pair[0], pair[1]);
+        g.mapped_quad([at(-half, p), at(half, p), at(half, q), at(-half, q)], 0.5);
     }
     for i in 0..blocks {
         let x = ((i as f32 + 0.5) / blocks as f32 - 0.5) * length;

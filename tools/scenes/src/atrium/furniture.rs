@@ -1,19 +1,7 @@
 //! Furniture of the rich courtyard: vases, benches, braziers and more plants.
 
-use super::{Materials, plan::*, segments};
-use crate::{
-    builder::SceneBuilder,
-    geometry::{Geometry, turned},
-    materials::gloss,
-    props,
-};
-use bevy::{
-    asset::Handle,
-    color::{Color, LinearRgba},
-    math::{Quat, Vec2, Vec3, ops, vec2, vec3},
-    pbr::StandardMaterial,
-    transform::components::Transform,
-};
+use super::{Materials, plan::*};
+use crate::prelude::*;
 use std::f32::consts::TAU;
 
 pub fn build(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
@@ -106,16 +94,11 @@ fn urn(g: &mut Geometry, radius: f32, height: f32, detail: f32) {
     ];
     g.lathe(&profile, segments(20, detail), vec2(2.0, 1.0));
     for side in [-1.0, 1.0] {
-        let steps = segments(7, detail);
-        let path: Vec<Vec3> = (0..=steps)
-            .map(|i| {
-                // From the neck outwards and down to the shoulder.
-                let t = i as f32 / steps as f32;
-                let out = 0.40 + 0.44 * t + 0.34 * ops::sin(t * 0.5 * TAU);
-                vec3(side * out * radius, height * (0.93 - 0.17 * t * t), 0.0)
-            })
-            .collect();
-        g.tube(&path, 0.07 * radius, segments(6, detail));
+        g.curved_tube(segments(7, detail), 0.07 * radius, segments(6, detail), |t| {
+            // From the neck outwards and down to the shoulder.
+            let out = 0.40 + 0.44 * t + 0.34 * ops::sin(t * 0.5 * TAU);
+            vec3(side * out * radius, height * (0.93 - 0.17 * t * t), 0.0)
+        });
     }
 }
 
@@ -147,8 +130,8 @@ fn brazier(g: &mut Geometry, detail: f32) {
         let path = leg.map(|(reach, y)| vec3(reach * ops::cos(angle), y, reach * ops::sin(angle)));
         g.tube(&path, 0.022, segments(6, detail));
     }
-    let mut hoop = Geometry::default();
-    hoop.torus(0.2, 0.014, segments(18, detail), segments(5, detail));
-    let flat = Quat::from_rotation_x(0.25 * TAU);
-    g.append(&hoop, Transform::from_xyz(0.0, 0.3, 0.0).with_rotation(flat));
+    let level = Transform::from_xyz(0.0, 0.3, 0.0).with_rotation(Quat::from_rotation_x(0.25 * TAU));
+    g.part(level, |part| {
+        part.torus(0.2, 0.014, segments(18, detail), segments(5, detail));
+    });
 }

@@ -4,14 +4,9 @@ use super::{
     Materials,
     dressing::{dyed, glow, lamp_light},
     plan::*,
-    segments, surfaces,
+    surfaces,
 };
-use crate::{builder::SceneBuilder, geometry::Geometry, materials::both_sides, props, random::Random};
-use bevy::{
-    color::Color,
-    math::{Quat, Vec2, Vec3, ops, vec2, vec3},
-    transform::components::Transform,
-};
+use crate::prelude::*;
 use std::f32::consts::{FRAC_PI_2, PI, TAU};
 
 pub fn build(scene: &mut SceneBuilder, m: &Materials, size: u32, detail: f32) {
@@ -124,8 +119,7 @@ fn garlands(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
 /// Links along a line from 0 to 1, each a quarter turn from the one before.
 fn chain(g: &mut Geometry, links: u32, detail: f32, line: impl Fn(f32) -> Vec3) {
     let (radius, wire) = (0.042, 0.011);
-    let mut link = Geometry::default();
-    link.torus(radius, wire, segments(8, detail), segments(4, detail));
+    let link = Geometry::of(|g| g.torus(radius, wire, segments(8, detail), segments(4, detail)));
     for i in 0..links {
         let [from, to] = [i, i + 1].map(|end| line(end as f32 / links as f32));
         let step = to - from;
@@ -166,10 +160,10 @@ fn lamps(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
     };
     let lamp = scene.shape(|g| {
         chain(g, 18, detail, |s| Vec3::NEG_Y * fall * s);
-        let mut ring = Geometry::default();
-        ring.torus(ring_radius, 0.022, segments(24, detail), segments(6, detail));
         let flat = Quat::from_rotation_x(FRAC_PI_2);
-        g.append(&ring, Transform::from_xyz(0.0, ring_height, 0.0).with_rotation(flat));
+        g.part(Transform::from_xyz(0.0, ring_height, 0.0).with_rotation(flat), |part| {
+            part.torus(ring_radius, 0.022, segments(24, detail), segments(6, detail));
+        });
         let mut cup = Geometry::default();
         let p = Vec2::new;
         let profile = [

@@ -14,22 +14,7 @@ mod plan;
 mod roof;
 mod surfaces;
 
-use crate::geometry::segments;
-use crate::{
-    builder::SceneBuilder,
-    camera_path::CameraPath,
-    environment::{Environment, SceneOptions},
-    materials::{both_sides, dyed},
-    patterns, props,
-    sky::{Sky, sun_direction},
-};
-use bevy::{
-    asset::Handle,
-    color::Color,
-    ecs::{entity::Entity, world::World},
-    math::{Vec3, vec3},
-    pbr::StandardMaterial,
-};
+use crate::prelude::*;
 
 /// How much there is in the building.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -1,8 +1,7 @@
 //! Carvings of the building: keystones, rosettes, ribs and brackets.
 
-use super::{Materials, carving, plan::*, segments};
-use crate::{builder::SceneBuilder, geometry::Geometry};
-use bevy::{math::vec3, transform::components::Transform};
+use super::{Materials, carving, plan::*};
+use crate::prelude::*;
 
 /// Distance between the brackets below the eaves.
 const BRACKET_PITCH: f32 = 0.62;
@@ -14,8 +13,7 @@ const UPPER_FACE: f32 = 0.23;
 pub fn build(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
     let keystone = scene.shape(|g| carving::bracket(g, 0.26, 0.52, 0.2, segments(8, detail)));
     let rosette = scene.shape(|g| carving::rosette(g, 0.27, detail));
-    let mut bracket = Geometry::default();
-    carving::bracket(&mut bracket, 0.16, 0.34, 0.36, segments(8, detail));
+    let bracket = Geometry::of(|g| carving::bracket(g, 0.16, 0.34, 0.36, segments(8, detail)));
     let rise = 1.35;
     for side in &sides() {
         let run = side.bay * side.bays as f32;

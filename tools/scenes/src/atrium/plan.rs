@@ -1,7 +1,6 @@
 //! Measures of the building in metres, and its four sides.
 
-use crate::geometry::turned;
-use bevy::transform::components::Transform;
+use crate::prelude::*;
 
 /// Half length of the court along x, between column centres.
 pub const HALF_LENGTH: f32 = 10.0;

@@ -1,16 +1,7 @@
 //! The roof over the walks: rows of round tiles that fall towards the court.
 
-use super::{Materials, plan::*, segments};
-use crate::{
-    builder::SceneBuilder,
-    geometry::{Geometry, turned},
-    materials::{dielectric, dyed},
-};
-use bevy::{
-    color::Color,
-    math::{ops, vec2, vec3},
-    transform::components::Transform,
-};
+use super::{Materials, plan::*};
+use crate::prelude::*;
 use std::f32::consts::PI;
 
 /// How far the tiles reach into the court, and past the outer walls.
@@ -95,15 +86,8 @@ fn tile(pitch: f32, arc: u32) -> Geometry {
         ],
         vec2(pitch, length),
     );
-    g.quad(
-        [
-            vec3(-half, -0.05, 0.0),
-            vec3(half, -0.05, 0.0),
-            vec3(half, 0.0, 0.0),
-            vec3(-half, 0.0, 0.0),
-        ],
-        vec2(pitch, 0.05),
-    );
+    let edge = upright_corners(vec2(-half, -0.05), vec2(half, 0.0), 0.0);
+    g.quad(edge, vec2(pitch, 0.05));
     g
 }
 

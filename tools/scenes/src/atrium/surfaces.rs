@@ -1,10 +1,6 @@
 //! Surfaces of the rich courtyard. Each is a function of the unit square (`v` down) that tiles.
 
-use crate::{
-    random::{fractal, hash, smooth},
-    texture::Texel,
-};
-use bevy::math::{Vec2, ops, vec3};
+use crate::prelude::*;
 use std::f32::consts::TAU;
 
 /// Stone flags in two colours, chipped and uneven, trodden smooth along the ways and wet in the hollows.

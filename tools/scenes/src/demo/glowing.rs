@@ -1,19 +1,7 @@
 //! Glowing parts: neon, the gyroscope around its core, and the lights.
 
 use super::{BRASS, CHROME, COPPER, GOLD, sun};
-use crate::{
-    animation::Motion,
-    builder::SceneBuilder,
-    geometry::segments,
-    materials::{gloss, glow, metal},
-    props,
-};
-use bevy::{
-    color::{Color, LinearRgba},
-    light::{PointLight, SpotLight},
-    math::{Quat, Vec2, Vec3, vec3},
-    transform::components::Transform,
-};
+use crate::{animation::Motion, prelude::*};
 use std::f32::consts::PI;
 
 /// The glowing ring and tubes with the lights that represent their light.
@@ -44,16 +32,11 @@ pub fn gyroscope(scene: &mut SceneBuilder, fine: f32) {
     let dark = scene.material(gloss(Color::srgb(0.05, 0.05, 0.06), 0.12));
     let pedestal = scene.shape(|g| props::pedestal(g, 0.42, 0.2, segments(48, fine)));
     scene.place(&pedestal, &dark, Transform::from_translation(place));
+    let oblique = Quat::from_rotation_z(1.1) * Quat::from_rotation_x(PI * 0.4);
     let finishes: [(Color, f32, f32, Vec3, Quat); 3] = [
         (GOLD, 0.12, 0.48, Vec3::Y, Quat::from_rotation_x(0.5)),
         (CHROME, 0.05, 0.39, Vec3::X, Quat::from_rotation_y(0.9)),
-        (
-            COPPER,
-            0.25,
-            0.30,
-            Vec3::Y,
-            Quat::from_rotation_z(1.1) * Quat::from_rotation_x(PI * 0.4),
-        ),
+        (COPPER, 0.25, 0.30, Vec3::Y, oblique),
     ];
     for (i, (color, roughness, radius, axis, start)) in finishes.into_iter().enumerate() {
         let ring = scene.shape(|g| g.torus(radius, 0.026, segments(72, fine), segments(16, fine)));

@@ -2,24 +2,7 @@
 
 mod glowing;
 
-use crate::{
-    animation::Motion,
-    builder::SceneBuilder,
-    camera_path::CameraPath,
-    environment::{Environment, SceneOptions},
-    geometry::{segments, turned},
-    materials::{both_sides, dielectric, dyed, gloss, metal},
-    patterns, props,
-    sky::{Sky, sun_direction},
-};
-use bevy::{
-    color::Color,
-    ecs::{entity::Entity, world::World},
-    material::AlphaMode,
-    math::{Vec2, Vec3, vec2, vec3},
-    pbr::StandardMaterial,
-    transform::components::Transform,
-};
+use crate::{animation::Motion, prelude::*};
 
 const COLUMNS: usize = 7;
 
@@ -62,31 +45,20 @@ fn room(scene: &mut SceneBuilder, size: u32, fine: f32) {
     });
     let floor = scene.shape(|g| {
         for (x, z) in (-3..3).flat_map(|x| (-3..3).map(move |z| (x as f32 * 4.0, z as f32 * 4.0))) {
-            g.quad(
-                [
-                    vec3(x, 0.0, z + 4.0),
-                    vec3(x + 4.0, 0.0, z + 4.0),
-                    vec3(x + 4.0, 0.0, z),
-                    vec3(x, 0.0, z),
-                ],
-                Vec2::ONE,
-            );
+            g.quad(level_corners(vec2(x, z), vec2(x + 4.0, z + 4.0), 0.0), Vec2::ONE);
         }
     });
     scene.place(&floor, &tiles, Transform::from_xyz(0.15, 0.0, 0.4));
 
-    let brick = scene.textures(size, patterns::brick).material();
-    let brick = scene.material(brick);
+    let brick = scene.textured(size, patterns::brick);
     let wall = scene.shape(|g| g.cuboid(vec3(0.0, 1.8, 0.0), vec3(8.4, 3.6, 0.35), 0.5));
     scene.place(&wall, &brick, Transform::from_xyz(-1.4, 0.0, -4.2));
 
-    let plaster = scene.textures(size, patterns::plaster).material();
-    let plaster = scene.material(plaster);
+    let plaster = scene.textured(size, patterns::plaster);
     let side = scene.shape(|g| g.cuboid(vec3(0.0, 1.8, 0.0), vec3(0.35, 3.6, 7.4), 0.4));
     scene.place(&side, &plaster, Transform::from_xyz(5.3, 0.0, -0.6));
 
-    let stone = scene.textures(size, patterns::limestone).material();
-    let stone = scene.material(stone);
+    let stone = scene.textured(size, patterns::limestone);
     let long = scene.shape(|g| g.rounded_box(Vec3::ZERO, vec3(8.6, 0.16, 0.55), 0.04, 3, 0.6));
     let short = scene.shape(|g| g.rounded_box(Vec3::ZERO, vec3(0.55, 0.16, 7.6), 0.04, 3, 0.6));
     let skirting = scene.shape(|g| g.rounded_box(Vec3::ZERO, vec3(8.4, 0.2, 0.06), 0.02, 2, 0.6));
@@ -108,15 +80,8 @@ fn screens(scene: &mut SceneBuilder, size: u32, fine: f32) {
     });
     let wood = scene.material(gloss(Color::srgb(0.36, 0.21, 0.11), 0.45));
     let panel = scene.shape(|g| {
-        g.quad(
-            [
-                vec3(-1.1, 0.0, 0.0),
-                vec3(1.1, 0.0, 0.0),
-                vec3(1.1, 2.9, 0.0),
-                vec3(-1.1, 2.9, 0.0),
-            ],
-            vec2(1.0, 1.318),
-        );
+        let corners = upright_corners(vec2(-1.1, 0.0), vec2(1.1, 2.9), 0.0);
+        g.quad(corners, vec2(1.0, 1.318));
     });
     let frame = scene.shape(|g| {
         for x in [-1.15, 1.15] {
@@ -143,11 +108,8 @@ fn screens(scene: &mut SceneBuilder, size: u32, fine: f32) {
     scene.place(&curtain, &red, Transform::from_xyz(3.9, 0.25, -4.15));
     let brass = scene.material(metal(BRASS, 0.25));
     let rod = scene.shape(|g| {
-        g.tube(
-            &[vec3(2.9, 3.28, -4.15), vec3(4.9, 3.28, -4.15)],
-            0.025,
-            segments(16, fine),
-        );
+        let ends = [vec3(2.9, 3.28, -4.15), vec3(4.9, 3.28, -4.15)];
+        g.tube(&ends, 0.025, segments(16, fine));
     });
     scene.place(&rod, &brass, Transform::IDENTITY);
 }
@@ -176,11 +138,8 @@ fn gallery_of_spheres(scene: &mut SceneBuilder, size: u32, fine: f32) {
                 _ => metal(if column % 2 == 0 { GOLD } else { COPPER }, fraction),
             };
             let material = scene.material(material);
-            scene.place(
-                &sphere,
-                &material,
-                Transform::from_xyz(-0.1 + (fraction - 0.5) * 5.4, height + 0.38, z + 0.02),
-            );
+            let at = Transform::from_xyz(-0.1 + (fraction - 0.5) * 5.4, height + 0.38, z + 0.02);
+            scene.place(&sphere, &material, at);
         }
     }
 }

@@ -20,37 +20,33 @@ use crate::{
     scene::{SceneName, camera, environment, spawn_with},
 };
 use bevy::{
-    DefaultPlugins,
-    app::{App, PluginGroup, PluginsState, TaskPoolOptions, TaskPoolPlugin, TerminalCtrlCHandlerPlugin},
-    asset::{AssetPlugin, AssetServer, Assets, LoadState, RenderAssetUsages, UnapprovedPathMode},
-    camera::{Camera, Camera3d, Hdr, Projection, RenderTarget, ShadowLodOrigin},
-    core_pipeline::prepass::{DeferredPrepass, DepthPrepass},
-    core_pipeline::tonemapping::{DebandDither, Tonemapping},
-    diagnostic::FrameCount,
-    ecs::{
-        bundle::Bundle,
-        entity::Entity,
-        schedule::{Schedules, SingleThreadedExecutor},
-        world::World,
+    app::{PluginsState, TerminalCtrlCHandlerPlugin},
+    asset::{LoadState, RenderAssetUsages, UnapprovedPathMode},
+    camera::{Hdr, RenderTarget, ShadowLodOrigin},
+    core_pipeline::{
+        prepass::{DeferredPrepass, DepthPrepass},
+        tonemapping::{DebandDither, Tonemapping},
     },
-    image::Image,
+    diagnostic::FrameCount,
+    ecs::schedule::SingleThreadedExecutor,
+    image::ToExtents,
     log::LogPlugin,
-    math::UVec2,
     pbr::DefaultOpaqueRendererMethod,
+    prelude::*,
     render::{
         RenderApp, RenderPlugin,
         pipelined_rendering::PipelinedRenderingPlugin,
-        render_resource::{Extent3d, PipelineCache, TextureDimension, TextureFormat, TextureUsages},
+        render_resource::{PipelineCache, TextureDimension, TextureFormat, TextureUsages},
         renderer::RenderDevice,
         settings::{WgpuFeatures, WgpuLimits, WgpuSettings},
         sync_world::RenderEntity,
-        view::{Msaa, ViewTarget},
+        view::ViewTarget,
     },
     tasks::tick_global_task_pools_on_main_thread,
-    time::{Time, TimeUpdateStrategy, Virtual},
-    window::{ExitCondition, WindowPlugin},
+    time::TimeUpdateStrategy,
+    window::ExitCondition,
     winit::WinitPlugin,
-    world_serialization::{WorldAssetRoot, WorldInstance},
+    world_serialization::WorldInstance,
 };
 use std::{path::Path, time::Duration};
 
@@ -446,14 +442,8 @@ pub fn save_picture(size: UVec2, bytes: Vec<u8>, path: &Path) -> Result<(), Head
     if let Some(folder) = path.parent().filter(|folder| !folder.as_os_str().is_empty()) {
         std::fs::create_dir_all(folder).map_err(|error| fail(error.to_string()))?;
     }
-    let extent = Extent3d {
-        width: size.x,
-        height: size.y,
-        depth_or_array_layers: 1,
-    };
-    let format = TextureFormat::Rgba8UnormSrgb;
-    let usage = RenderAssetUsages::default();
-    let image = Image::new(extent, TextureDimension::D2, bytes, format, usage);
+    let (format, usage) = (TextureFormat::Rgba8UnormSrgb, RenderAssetUsages::default());
+    let image = Image::new(size.to_extents(), TextureDimension::D2, bytes, format, usage);
     let image = image.try_into_dynamic().map_err(|error| fail(error.to_string()))?;
     image.to_rgb8().save(path).map_err(|error| fail(error.to_string()))
 }

@@ -2,14 +2,13 @@
 
 use super::error::HeadlessError;
 use bevy::{
-    asset::Handle,
-    ecs::{resource::Resource, world::World},
-    image::Image,
+    image::ToExtents,
+    prelude::*,
     render::{
         render_asset::RenderAssets,
         render_resource::{
-            Buffer, BufferDescriptor, BufferUsages, CommandEncoder, CommandEncoderDescriptor, Extent3d, MapMode,
-            PollType, TexelCopyBufferInfo, TexelCopyBufferLayout, Texture,
+            Buffer, BufferDescriptor, BufferUsages, CommandEncoder, CommandEncoderDescriptor, MapMode, PollType,
+            TexelCopyBufferInfo, TexelCopyBufferLayout, Texture,
         },
         renderer::{RenderDevice, RenderQueue},
         texture::GpuImage,
@@ -51,11 +50,7 @@ pub fn read_texture(world: &World, texture: &Texture) -> Result<Vec<u8>, Headles
             bytes_per_row: Some(padded as u32),
             rows_per_image: None,
         };
-        let size = Extent3d {
-            width,
-            height,
-            depth_or_array_layers: 1,
-        };
+        let size = UVec2::new(width, height).to_extents();
         encoder.copy_texture_to_buffer(texture.as_image_copy(), TexelCopyBufferInfo { buffer, layout }, size);
     })?;
     let rows = bytes.chunks_exact(padded);

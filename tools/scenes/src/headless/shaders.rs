@@ -1,10 +1,7 @@
 //! Replaces shader modules of a crate while an app runs, so that versions of shaders can be compared without rebuilding.
 
 use super::{HeadlessApp, HeadlessError};
-use bevy::{
-    asset::{AssetServer, Assets, Handle},
-    shader::Shader,
-};
+use bevy::prelude::*;
 use std::{
     fs, io,
     path::{Path, PathBuf},

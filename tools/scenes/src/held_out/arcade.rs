@@ -1,24 +1,7 @@
 //! A polished stone floor under a row of arches. The sun shines in from one side.
 
 use super::{ground, lathe};
-use crate::{
-    builder::SceneBuilder,
-    camera_path::CameraPath,
-    environment::{Environment, SceneOptions},
-    geometry::{Geometry, segments},
-    materials::{dyed, gloss},
-    patterns::{self, edge, mix},
-    props,
-    random::{fractal, hash, smooth, veins},
-    sky::{Sky, sun_direction},
-    texture::Texel,
-};
-use bevy::{
-    color::Color,
-    ecs::{entity::Entity, world::World},
-    math::{Vec2, Vec3, ops, vec2, vec3},
-    transform::components::Transform,
-};
+use crate::prelude::*;
 use std::f32::consts::PI;
 
 /// Distance from arch to arch along x, half the width of an opening, the height at which the curve begins, and the height of the wall.
@@ -56,10 +39,8 @@ pub fn environment(world: &mut World) -> Environment {
 pub fn spawn(world: &mut World, options: &SceneOptions) -> Entity {
     let mut scene = SceneBuilder::new(world);
     let (size, fine) = (options.texture_size, options.detail.sqrt());
-    let stone = scene.textures(size, patterns::limestone).material();
-    let stone = scene.material(stone);
-    let floor = scene.textures(size, slabs).material();
-    let floor = scene.material(floor);
+    let stone = scene.textured(size, patterns::limestone);
+    let floor = scene.textured(size, slabs);
     let plaster = scene.textures(size, patterns::plaster).material();
     let plaster = scene.material(dyed(&plaster, Color::srgb(0.86, 0.66, 0.52)));
     let bronze = scene.textures(size / 2, patterns::worn_metal).material();
@@ -86,11 +67,8 @@ pub fn spawn(world: &mut World, options: &SceneOptions) -> Entity {
     scene.place(&wall, &stone, Transform::IDENTITY);
     let hedge = scene.material(gloss(Color::srgb(0.12, 0.25, 0.09), 0.9));
     let cone = scene.shape(|g| {
-        lathe(
-            g,
-            segments(24, fine),
-            &[0.0, -0.1, 0.7, -0.1, 0.75, 0.3, 0.5, 1.4, 0.0, 3.2],
-        );
+        let profile = [0.0, -0.1, 0.7, -0.1, 0.75, 0.3, 0.5, 1.4, 0.0, 3.2];
+        lathe(g, segments(24, fine), &profile);
     });
     for index in -5i32..=5 {
         let at = Transform::from_xyz(2.6 * index as f32, 0.0, 5.0 + 2.5 * (index % 2).abs() as f32);
@@ -139,15 +117,11 @@ fn slabs(uv: Vec2) -> Texel {
     let slab = smooth(0.008, 0.016, edge(grid).min_element());
     let tone = mix(vec3(0.30, 0.27, 0.27), vec3(0.66, 0.52, 0.46), hash(x, y, 3));
     let worn = fractal(uv, 6, 4, 17);
+    let polished = 0.03 + 0.2 * hash(x, y, 5) + 0.2 * worn * worn;
     Texel {
         color: mix(Vec3::splat(0.2), tone * (0.45 + 0.45 * veins(uv, 4, 31)), slab),
         height: 0.0012 * slab,
-        roughness: mix(
-            Vec3::splat(0.8),
-            Vec3::splat(0.03 + 0.2 * hash(x, y, 5) + 0.2 * worn * worn),
-            slab,
-        )
-        .x,
+        roughness: mix(Vec3::splat(0.8), Vec3::splat(polished), slab).x,
         ..Default::default()
     }
 }

@@ -1,23 +1,7 @@
 //! Glossy wall tiles with joints, chrome and a mirror under a lamp.
 
-use super::{Lamps, ground, indoors, lathe, room};
-use crate::{
-    builder::SceneBuilder,
-    camera_path::CameraPath,
-    environment::{Environment, SceneOptions},
-    geometry::{Geometry, segments, turned},
-    materials::{both_sides, dielectric, dyed, gloss, metal},
-    patterns::{self, edge, mix},
-    props,
-    random::{fractal, hash, smooth},
-    texture::Texel,
-};
-use bevy::{
-    color::{Color, LinearRgba},
-    ecs::{entity::Entity, world::World},
-    math::{Vec2, Vec3, vec2, vec3},
-    transform::components::Transform,
-};
+use super::{ground, indoors, lamps, lathe, room};
+use crate::prelude::*;
 
 /// From the bath to the basin, which is in front of the back wall.
 pub const PATH: CameraPath = CameraPath::new(
@@ -75,11 +59,8 @@ pub fn spawn(world: &mut World, options: &SceneOptions) -> Entity {
     scene.place(&tap, &chrome, Transform::from_xyz(-0.4, 0.775, -1.73));
     let bath = scene.shape(bath);
     scene.place(&bath, &ceramic, Transform::IDENTITY);
-    scene.place(
-        &tap,
-        &chrome,
-        Transform::from_xyz(1.72, 0.53, -0.6).with_rotation(turned(-90.0)),
-    );
+    let on_bath = Transform::from_xyz(1.72, 0.53, -0.6).with_rotation(turned(-90.0));
+    scene.place(&tap, &chrome, on_bath);
     let rail = scene.shape(|g| {
         g.tube(&[vec3(-0.4, 0.0, 0.0), vec3(0.4, 0.0, 0.0)], 0.014, segments(16, fine));
         for x in [-0.4, 0.4] {
@@ -88,11 +69,8 @@ pub fn spawn(world: &mut World, options: &SceneOptions) -> Entity {
     });
     scene.place(&rail, &chrome, Transform::from_xyz(0.85, 1.6, -1.72));
     let cloth = scene.shape(|g| props::curtain(g, 0.5, 0.7, 4.0, segments(40, fine), segments(12, fine)));
-    scene.place(
-        &cloth,
-        &towel,
-        Transform::from_xyz(0.85, 0.9, -1.68).with_scale(vec3(1.0, 1.0, 0.5)),
-    );
+    let on_rail = Transform::from_xyz(0.85, 0.9, -1.68);
+    scene.place(&cloth, &towel, on_rail.with_scale(vec3(1.0, 1.0, 0.5)));
     let bottle = scene.shape(|g| {
         let profile = [0.0, 0.0, 0.035, 0.0, 0.035, 0.12, 0.012, 0.15, 0.012, 0.19, 0.0, 0.19];
         lathe(g, segments(24, fine), &profile);
@@ -105,13 +83,9 @@ pub fn spawn(world: &mut World, options: &SceneOptions) -> Entity {
         let glossy = scene.material(gloss(color, 0.15));
         scene.place(&bottle, &glossy, Transform::from_xyz(x, 0.775, -1.6));
     }
-    let lamps = Lamps {
-        color: LinearRgba::rgb(1.0, 0.9, 0.76),
-        lumens: 3_200.0,
-        range: 7.0,
-        radius: 0.09,
-    };
-    lamps.place(&mut scene, fine, [vec3(0.1, 2.35, 0.2), vec3(-0.4, 2.2, -1.66)]);
+    let color = LinearRgba::rgb(1.0, 0.9, 0.76);
+    let places = [vec3(0.1, 2.35, 0.2), vec3(-0.4, 2.2, -1.66)];
+    lamps(&mut scene, fine, places, color, 3_200.0, 7.0, 0.09);
     scene.finish()
 }
 

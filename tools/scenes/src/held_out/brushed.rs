@@ -1,21 +1,7 @@
 //! Machine parts of brushed and cast metal on the steel bench of a workshop with a few lamps.
 
-use super::{Lamps, ground, indoors, lathe, room};
-use crate::{
-    builder::SceneBuilder,
-    camera_path::CameraPath,
-    environment::{Environment, SceneOptions},
-    geometry::{Geometry, segments, turned},
-    materials::{dyed, gloss, metal},
-    random::{fractal, noise, smooth},
-    texture::Texel,
-};
-use bevy::{
-    color::{Color, LinearRgba},
-    ecs::{entity::Entity, world::World},
-    math::{Quat, Vec2, Vec3, ops, vec2, vec3},
-    transform::components::Transform,
-};
+use super::{ground, indoors, lamps, lathe, room};
+use crate::prelude::*;
 use std::f32::consts::{FRAC_PI_2, TAU};
 
 /// Height of the bench.
@@ -73,8 +59,7 @@ pub fn spawn(world: &mut World, options: &SceneOptions) -> Entity {
     let block = scene.shape(|g| g.rounded_box(vec3(0.0, 0.5, 0.0), Vec3::ONE, 0.06, 4, 2.0));
     let pipe = scene.shape(|g| {
         let bend = |t: f32| vec3(0.35 * ops::cos(t), 0.05, 0.35 * ops::sin(t));
-        let points: Vec<Vec3> = (0..=24).map(|i| bend(i as f32 / 24.0 * FRAC_PI_2 * 2.0)).collect();
-        g.tube(&points, 0.05, segments(24, fine));
+        g.curved_tube(24, 0.05, segments(24, fine), |t| bend(t * FRAC_PI_2 * 2.0));
     });
     let on = |x: f32, z: f32, degrees: f32| Transform::from_xyz(x, BENCH, z).with_rotation(turned(degrees));
     let lying = Quat::from_rotation_z(FRAC_PI_2);
@@ -87,23 +72,15 @@ pub fn spawn(world: &mut World, options: &SceneOptions) -> Entity {
     scene.place(&shaft, &copper, on(-1.05, -0.35, 0.0).with_scale(vec3(1.0, 0.8, 1.0)));
     scene.place(&flange, &aluminium, on(0.15, -0.4, 0.0).with_scale(Vec3::splat(0.8)));
     scene.place(&flange, &brass, on(-0.3, -0.45, 0.0).with_scale(Vec3::splat(0.7)));
-    scene.place(
-        &block,
-        &aluminium,
-        on(0.75, -0.35, 25.0).with_scale(vec3(0.3, 0.16, 0.22)),
-    );
+    let ingot = on(0.75, -0.35, 25.0).with_scale(vec3(0.3, 0.16, 0.22));
+    scene.place(&block, &aluminium, ingot);
     scene.place(&block, &tool, on(-1.15, 0.35, -20.0).with_scale(vec3(0.32, 0.14, 0.18)));
     scene.place(&pipe, &copper, on(0.4, 0.15, 160.0).with_scale(vec3(0.8, 1.0, 0.8)));
     let cone = scene.shape(|g| lathe(g, segments(32, fine), &[0.2, 0.0, 0.21, 0.0, 0.06, 0.16, 0.0, 0.2]));
-    let lamps = [vec3(-1.1, 2.25, 0.3), vec3(0.4, 2.3, 0.0), vec3(1.4, 2.2, 0.5)];
-    let light = Lamps {
-        color: LinearRgba::rgb(1.0, 0.82, 0.6),
-        lumens: 2_600.0,
-        range: 7.0,
-        radius: 0.06,
-    };
-    light.place(&mut scene, fine, lamps);
-    for at in lamps {
+    let places = [vec3(-1.1, 2.25, 0.3), vec3(0.4, 2.3, 0.0), vec3(1.4, 2.2, 0.5)];
+    let color = LinearRgba::rgb(1.0, 0.82, 0.6);
+    lamps(&mut scene, fine, places, color, 2_600.0, 7.0, 0.06);
+    for at in places {
         scene.place_unshadowed(&cone, &shade, Transform::from_translation(at + 0.03 * Vec3::Y));
     }
     scene.finish()
@@ -142,12 +119,8 @@ fn flange(g: &mut Geometry, sides: u32) {
     lathe(g, sides, &profile);
     for bolt in 0..8 {
         let angle = bolt as f32 / 8.0 * TAU;
-        g.sphere(
-            vec3(0.155 * ops::cos(angle), 0.04, 0.155 * ops::sin(angle)),
-            0.018,
-            sides / 4,
-            Vec2::ONE,
-        );
+        let at = vec3(0.155 * ops::cos(angle), 0.04, 0.155 * ops::sin(angle));
+        g.sphere(at, 0.018, sides / 4, Vec2::ONE);
     }
 }
 

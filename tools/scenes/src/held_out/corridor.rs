@@ -1,22 +1,7 @@
 //! A long corridor of many small lamps over a rough, worn floor.
 
-use super::{Lamps, indoors, room};
-use crate::{
-    builder::SceneBuilder,
-    camera_path::CameraPath,
-    environment::{Environment, SceneOptions},
-    geometry::segments,
-    materials::{dyed, gloss, metal},
-    patterns::mix,
-    random::{fractal, smooth},
-    texture::Texel,
-};
-use bevy::{
-    color::{Color, LinearRgba},
-    ecs::{entity::Entity, world::World},
-    math::{Vec2, Vec3, vec2, vec3},
-    transform::components::Transform,
-};
+use super::{indoors, lamps, room};
+use crate::prelude::*;
 
 /// Half the width, the height, and half the length in metres.
 const HALF_WIDTH: f32 = 1.5;
@@ -60,13 +45,8 @@ pub fn spawn(world: &mut World, options: &SceneOptions) -> Entity {
     scene.place(&walls, &wall, Transform::IDENTITY);
     // The texture spans the width, so that its worn track is in the middle.
     let floor = scene.shape(|g| {
-        let corner = |x: f32, z: f32| vec3(x * HALF_WIDTH, 0.0, z * HALF_LENGTH);
-        let corners = [
-            corner(-1.0, 1.0),
-            corner(1.0, 1.0),
-            corner(1.0, -1.0),
-            corner(-1.0, -1.0),
-        ];
+        let half = vec2(HALF_WIDTH, HALF_LENGTH);
+        let corners = level_corners(-half, half, 0.0);
         g.quad(corners, vec2(1.0, HALF_LENGTH / HALF_WIDTH));
     });
     scene.place(&floor, &worn, Transform::IDENTITY);
@@ -85,7 +65,7 @@ pub fn spawn(world: &mut World, options: &SceneOptions) -> Entity {
     });
     let knob = scene.shape(|g| g.sphere(vec3(0.0, 1.02, 0.36), 0.04, segments(24, fine), Vec2::ONE));
     let bracket = scene.shape(|g| g.tube(&[vec3(0.0, -0.1, 0.0), vec3(0.0, -0.05, 0.0)], 0.06, segments(20, fine)));
-    let mut lamps = Vec::new();
+    let mut brackets = Vec::new();
     for side in [-1.0, 1.0] {
         let x = side * HALF_WIDTH;
         scene.place(&panel, &dado, Transform::from_xyz(x, 0.0, 0.0));
@@ -93,7 +73,7 @@ pub fn spawn(world: &mut World, options: &SceneOptions) -> Entity {
             let z = SPACING * (index as f32 - 6.0);
             let at = vec3(x - 0.14 * side, 1.95, z);
             scene.place(&bracket, &brass, Transform::from_translation(at));
-            lamps.push(at);
+            brackets.push(at);
             if index % 2 == usize::from(side > 0.0) {
                 let door_at = Transform::from_xyz(x - 0.02 * side, 0.0, z + 0.5 * SPACING);
                 scene.place(&leaf, &door, door_at);
@@ -102,17 +82,15 @@ pub fn spawn(world: &mut World, options: &SceneOptions) -> Entity {
             }
         }
     }
-    let kind = |color| Lamps {
-        color,
-        lumens: 700.0,
-        range: 7.0,
-        radius: 0.05,
-    };
     // Every third one is cold.
-    let (cold, warm): (Vec<_>, Vec<_>) = lamps.into_iter().enumerate().partition(|(index, _)| index % 3 == 2);
-    let places = |lamps: Vec<(usize, Vec3)>| lamps.into_iter().map(|(_, at)| at);
-    kind(LinearRgba::rgb(1.0, 0.66, 0.36)).place(&mut scene, fine, places(warm));
-    kind(LinearRgba::rgb(0.6, 0.8, 1.0)).place(&mut scene, fine, places(cold));
+    let (cold, warm): (Vec<_>, Vec<_>) = brackets.into_iter().enumerate().partition(|(index, _)| index % 3 == 2);
+    for (places, color) in [
+        (warm, LinearRgba::rgb(1.0, 0.66, 0.36)),
+        (cold, LinearRgba::rgb(0.6, 0.8, 1.0)),
+    ] {
+        let places = places.into_iter().map(|(_, at)| at);
+        lamps(&mut scene, fine, places, color, 700.0, 7.0, 0.05);
+    }
     scene.finish()
 }
 

@@ -9,19 +9,7 @@ pub mod pedestal;
 pub mod pond;
 pub mod showroom;
 
-use crate::{
-    builder::SceneBuilder,
-    environment::Environment,
-    geometry::{Geometry, segments},
-    materials::glow,
-    sky::Sky,
-};
-use bevy::{
-    color::LinearRgba,
-    ecs::world::World,
-    math::{Vec2, Vec3, vec2, vec3},
-    transform::components::Transform,
-};
+use crate::prelude::*;
 
 /// The light of closed rooms. The sky lights the shade, which lamps leave black; rays don't reach it.
 fn indoors(world: &mut World, ev100: f32) -> Environment {
@@ -30,14 +18,7 @@ fn indoors(world: &mut World, ev100: f32) -> Environment {
 
 /// Level ground at a height, `half` metres to each side of the z axis and the x axis.
 fn ground(g: &mut Geometry, half: Vec2, height: f32, uv_scale: f32) {
-    let corner = |x: f32, z: f32| vec3(x * half.x, height, z * half.y);
-    let corners = [
-        corner(-1.0, 1.0),
-        corner(1.0, 1.0),
-        corner(1.0, -1.0),
-        corner(-1.0, -1.0),
-    ];
-    g.mapped_quad(corners, uv_scale);
+    g.mapped_quad(level_corners(-half, half, height), uv_scale);
 }
 
 /// Walls and ceiling of a room on y = 0, seen from inside.
@@ -65,22 +46,20 @@ fn lathe(g: &mut Geometry, sides: u32, profile: &[f32]) {
     g.lathe(&points, sides, vec2(3.0, 2.0));
 }
 
-/// Lamps of one kind: a light in a glowing ball.
-struct Lamps {
+/// Lamps of one kind: a light of these lumens in a glowing ball.
+fn lamps(
+    scene: &mut SceneBuilder,
+    detail: f32,
+    places: impl IntoIterator<Item = Vec3>,
     color: LinearRgba,
-    /// Light of each lamp.
     lumens: f32,
     range: f32,
     radius: f32,
-}
-
-impl Lamps {
-    fn place(&self, scene: &mut SceneBuilder, detail: f32, places: impl IntoIterator<Item = Vec3>) {
-        let ball = scene.shape(|g| g.sphere(Vec3::ZERO, self.radius, segments(20, detail), Vec2::ONE));
-        let bulb = scene.material(glow(self.color * 8.0));
-        for at in places {
-            scene.place_unshadowed(&ball, &bulb, Transform::from_translation(at));
-            scene.lamp(at, self.color.into(), self.lumens, self.range, self.radius);
-        }
+) {
+    let ball = scene.shape(|g| g.sphere(Vec3::ZERO, radius, segments(20, detail), Vec2::ONE));
+    let bulb = scene.material(glow(color * 8.0));
+    for at in places {
+        scene.place_unshadowed(&ball, &bulb, Transform::from_translation(at));
+        scene.lamp(at, color.into(), lumens, range, radius);
     }
 }

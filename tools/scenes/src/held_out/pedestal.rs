@@ -1,22 +1,8 @@
 //! A helmet of curved metal with two lenses on a matte pedestal before a matte wall. It alone reflects, about 13 % of the image. All
 //! else is unlit: a lit surface traces rays up to the cut-off of the roughness, even if it hardly reflects.
 
-use super::{Lamps, ground, indoors, lathe, room};
-use crate::{
-    builder::SceneBuilder,
-    camera_path::CameraPath,
-    environment::{Environment, SceneOptions},
-    geometry::{segments, turned},
-    materials::{dyed, gloss, metal},
-    patterns,
-};
-use bevy::{
-    color::{Color, LinearRgba},
-    ecs::{entity::Entity, world::World},
-    math::{Quat, Vec2, Vec3, ops, vec2, vec3},
-    pbr::StandardMaterial,
-    transform::components::Transform,
-};
+use super::{ground, indoors, lamps, lathe, room};
+use crate::prelude::*;
 use std::f32::consts::TAU;
 
 /// Around the helmet, which looks along +z.
@@ -40,11 +26,6 @@ pub fn environment(world: &mut World) -> Environment {
 pub fn spawn(world: &mut World, options: &SceneOptions) -> Entity {
     let mut scene = SceneBuilder::new(world);
     let fine = options.detail.sqrt();
-    let unlit = |base_color| StandardMaterial {
-        base_color,
-        unlit: true,
-        ..Default::default()
-    };
     let plaster = scene.textures(options.texture_size, patterns::plaster).base_color;
     let [wall, floor, stone] = [(0.56, 0.53, 0.52), (0.30, 0.25, 0.22), (0.74, 0.72, 0.68)].map(|(r, g, b)| {
         let base_color_texture = Some(plaster.clone());
@@ -78,17 +59,9 @@ pub fn spawn(world: &mut World, options: &SceneOptions) -> Entity {
         let size = vec3(0.6, 0.8 + 0.5 * (index % 3) as f32, 0.6);
         scene.place(&block, &material, Transform::from_translation(at).with_scale(size));
     }
-    let lamps = Lamps {
-        color: LinearRgba::rgb(1.0, 0.88, 0.72),
-        lumens: 5_000.0,
-        range: 10.0,
-        radius: 0.14,
-    };
-    lamps.place(
-        &mut scene,
-        fine,
-        [vec3(-1.7, 2.8, 1.6), vec3(1.5, 3.0, 2.2), vec3(0.4, 2.6, 4.2)],
-    );
+    let color = LinearRgba::rgb(1.0, 0.88, 0.72);
+    let places = [vec3(-1.7, 2.8, 1.6), vec3(1.5, 3.0, 2.2), vec3(0.4, 2.6, 4.2)];
+    lamps(&mut scene, fine, places, color, 5_000.0, 10.0, 0.14);
     helmet(&mut scene, options.texture_size, fine);
     scene.finish()
 }
@@ -108,40 +81,24 @@ fn helmet(scene: &mut SceneBuilder, size: u32, fine: f32) {
     scene.place(&ball, &paint, at(0.0, -0.19, 0.14).with_scale(vec3(0.19, 0.2, 0.23)));
     let ring = scene.shape(|g| g.torus(1.0, 0.06, segments(64, fine), segments(20, fine)));
     let level = Quat::from_rotation_x(0.25 * TAU);
-    scene.place(
-        &ring,
-        &brass,
-        at(0.0, -0.24, -0.02)
-            .with_rotation(level)
-            .with_scale(vec3(0.25, 0.29, 0.6)),
-    );
-    scene.place(
-        &ring,
-        &brass,
-        at(0.0, 0.04, 0.0)
-            .with_rotation(turned(90.0))
-            .with_scale(vec3(0.345, 0.335, 0.5)),
-    );
+    let neck = at(0.0, -0.24, -0.02).with_rotation(level);
+    scene.place(&ring, &brass, neck.with_scale(vec3(0.25, 0.29, 0.6)));
+    let crest = at(0.0, 0.04, 0.0).with_rotation(turned(90.0));
+    scene.place(&ring, &brass, crest.with_scale(vec3(0.345, 0.335, 0.5)));
     let collar = scene.shape(|g| {
         let profile = [0.3, 0.0, 0.3, 0.02, 0.25, 0.06, 0.22, 0.16, 0.2, 0.2];
         lathe(g, segments(56, fine), &profile);
     });
-    scene.place(
-        &collar,
-        &steel,
-        Transform::from_xyz(0.0, 1.0, 0.0).with_scale(vec3(0.9, 1.0, 0.9)),
-    );
+    let below = Transform::from_xyz(0.0, 1.0, 0.0);
+    scene.place(&collar, &steel, below.with_scale(vec3(0.9, 1.0, 0.9)));
     for side in [-1.0, 1.0] {
         let eye = at(0.125 * side, 0.02, 0.27).with_rotation(turned(20.0 * side));
         scene.place(&ball, &lens, eye.with_scale(vec3(0.1, 0.1, 0.07)));
         scene.place(&ring, &brass, eye.with_scale(vec3(0.105, 0.105, 0.3)));
         let line = scene.shape(|g| {
             let bend = |t: f32| {
-                vec3(
-                    side * (0.1 + 0.22 * ops::sin(3.0 * t)),
-                    -0.22 - 0.16 * t,
-                    0.3 - 0.42 * t,
-                )
+                let x = side * (0.1 + 0.22 * ops::sin(3.0 * t));
+                vec3(x, -0.22 - 0.16 * t, 0.3 - 0.42 * t)
             };
             let points: Vec<Vec3> = (0..=20).map(|i| bend(i as f32 / 20.0)).collect();
             g.tube(&points, 0.035, segments(20, fine));

@@ -1,25 +1,7 @@
 //! An opaque, dark pond with gentle waves under trees with leaves cut out by alpha.
 
-use super::Lamps;
-use crate::{
-    builder::SceneBuilder,
-    camera_path::CameraPath,
-    environment::{Environment, SceneOptions},
-    geometry::{Geometry, segments, turned},
-    materials::gloss,
-    patterns, props,
-    random::{Random, fractal},
-    sky::{Sky, sun_direction},
-    texture::Texel,
-};
-use bevy::{
-    asset::Handle,
-    color::{Color, LinearRgba},
-    ecs::{entity::Entity, world::World},
-    math::{Quat, Vec2, Vec3, ops, vec2, vec3},
-    pbr::StandardMaterial,
-    transform::components::Transform,
-};
+use super::lamps;
+use crate::prelude::*;
 use std::f32::consts::TAU;
 
 /// Above the water, near the bank.
@@ -52,8 +34,7 @@ pub fn spawn(world: &mut World, options: &SceneOptions) -> Entity {
         normal_map_texture: Some(waves),
         ..gloss(Color::srgb(0.05, 0.08, 0.07), 0.03)
     });
-    let grass = scene.textures(size, grass).material();
-    let grass = scene.material(grass);
+    let grass = scene.textured(size, grass);
     let bark = scene.material(gloss(Color::srgb(0.26, 0.20, 0.15), 0.9));
     let wet = scene.material(gloss(Color::srgb(0.25, 0.25, 0.24), 0.35));
     let leaf = scene.textures(size / 2, patterns::leaf).material();
@@ -74,11 +55,8 @@ pub fn spawn(world: &mut World, options: &SceneOptions) -> Entity {
         (-6.7, -4.9),
         (4.4, 6.6),
     ] {
-        scene.place(
-            &reeds,
-            &leaf,
-            Transform::from_xyz(x, -0.05, z).with_scale(vec3(0.8, 1.3, 0.8)),
-        );
+        let at = Transform::from_xyz(x, -0.05, z);
+        scene.place(&reeds, &leaf, at.with_scale(vec3(0.8, 1.3, 0.8)));
     }
     let stone = scene.shape(|g| g.sphere(Vec3::ZERO, 1.0, segments(32, fine), Vec2::ONE));
     let mut random = Random::new(5);
@@ -86,24 +64,16 @@ pub fn spawn(world: &mut World, options: &SceneOptions) -> Entity {
         let (angle, radius) = (random.range(0.0, TAU), random.range(3.0, 7.5));
         let scale = vec3(random.range(0.2, 0.5), random.range(0.12, 0.3), random.range(0.2, 0.5));
         let at = Transform::from_xyz(radius * ops::cos(angle), 0.02, -radius * ops::sin(angle).abs());
-        scene.place(
-            &stone,
-            &wet,
-            at.with_rotation(turned(random.range(0.0, 180.0))).with_scale(scale),
-        );
+        let turn = turned(random.range(0.0, 180.0));
+        scene.place(&stone, &wet, at.with_rotation(turn).with_scale(scale));
     }
     let post = scene.shape(|g| g.tube(&[Vec3::NEG_Y, Vec3::ZERO], 0.04, segments(12, fine)));
     let lanterns = [vec3(-4.6, 0.9, -6.6), vec3(3.4, 0.9, -7.0), vec3(7.2, 0.9, -2.4)];
     for at in lanterns {
         scene.place_unshadowed(&post, &bark, Transform::from_translation(at));
     }
-    let lantern = Lamps {
-        color: LinearRgba::rgb(1.0, 0.55, 0.2),
-        lumens: 40_000.0,
-        range: 6.0,
-        radius: 0.12,
-    };
-    lantern.place(&mut scene, fine, lanterns);
+    let color = LinearRgba::rgb(1.0, 0.55, 0.2);
+    lamps(&mut scene, fine, lanterns, color, 40_000.0, 6.0, 0.12);
     scene.sun(sun(), Color::srgb(1.0, 0.93, 0.82), 22_000.0, (3, 9.0, 50.0));
     scene.finish()
 }
@@ -129,11 +99,8 @@ fn trees(scene: &mut SceneBuilder, detail: f32, bark: &Handle<StandardMaterial>,
         for clump in 0..6 {
             let angle = TAU * clump as f32 / 5.0;
             let reach = if clump < 5 { 1.1 } else { 0.0 };
-            let middle = vec3(
-                reach * ops::cos(angle),
-                2.9 + 0.35 * (clump % 3) as f32 + 0.6 * (1.1 - reach),
-                reach * ops::sin(angle),
-            );
+            let height = 2.9 + 0.35 * (clump % 3) as f32 + 0.6 * (1.1 - reach);
+            let middle = vec3(reach * ops::cos(angle), height, reach * ops::sin(angle));
             let local = Transform::from_translation(middle).with_rotation(turned(61.0 * clump as f32));
             scene.place(&clumps[clump % 2], leaf, at * local);
         }
@@ -153,8 +120,7 @@ fn bank(g: &mut Geometry, steps: u32) {
 
 fn trunk(g: &mut Geometry) {
     let lean = |t: f32| vec3(0.12 * ops::sin(3.0 * t), 3.4 * t - 0.3, 0.1 * t);
-    let points: Vec<Vec3> = (0..=8).map(|i| lean(i as f32 / 8.0)).collect();
-    g.tube(&points, 0.16, 12);
+    g.curved_tube(8, 0.16, 12, lean);
     for i in 0..5 {
         let angle = TAU * i as f32 / 5.0;
         let out = vec3(ops::cos(angle), 0.9, ops::sin(angle));
@@ -190,8 +156,7 @@ fn waves(uv: Vec2) -> Texel {
 fn grass(uv: Vec2) -> Texel {
     let blades = fractal(uv, 32, 3, 21);
     Texel {
-        color: patterns::mix(vec3(0.16, 0.22, 0.08), vec3(0.36, 0.38, 0.16), fractal(uv, 4, 4, 22))
-            * (0.7 + 0.5 * blades),
+        color: mix(vec3(0.16, 0.22, 0.08), vec3(0.36, 0.38, 0.16), fractal(uv, 4, 4, 22)) * (0.7 + 0.5 * blades),
         height: 0.01 * blades,
         roughness: 0.9,
         ..Default::default()

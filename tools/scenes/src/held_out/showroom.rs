@@ -1,22 +1,7 @@
 //! A car of smooth, curved and clear-coated shapes on a dark floor of half gloss, under large bright panels.
 
 use super::{ground, indoors, lathe, room};
-use crate::{
-    builder::SceneBuilder,
-    camera_path::CameraPath,
-    environment::{Environment, SceneOptions},
-    geometry::{Geometry, segments, turned},
-    materials::{gloss, glow, metal},
-    random::fractal,
-    texture::Texel,
-};
-use bevy::{
-    color::{Color, LinearRgba},
-    ecs::{entity::Entity, world::World},
-    math::{Vec2, Vec3, ops, vec2, vec3},
-    pbr::StandardMaterial,
-    transform::components::Transform,
-};
+use crate::prelude::*;
 use std::f32::consts::TAU;
 
 /// Around the front of the car.
@@ -40,8 +25,7 @@ pub fn environment(world: &mut World) -> Environment {
 pub fn spawn(world: &mut World, options: &SceneOptions) -> Entity {
     let mut scene = SceneBuilder::new(world);
     let (size, fine) = (options.texture_size, options.detail.sqrt());
-    let resin = scene.textures(size, resin).material();
-    let resin = scene.material(resin);
+    let resin = scene.textured(size, resin);
     let wall = scene.material(StandardMaterial {
         reflectance: 0.2,
         ..gloss(Color::srgb(0.42, 0.43, 0.46), 0.8)
@@ -96,24 +80,16 @@ fn car(scene: &mut SceneBuilder, fine: f32, color: Color, at: Transform) {
             // The bonnet is lower than the shoulders, and both ends are rounded.
             let end = (1.0 - ops::powf(t.abs(), 8.0)).max(0.0).sqrt();
             let top = 0.84 - 0.10 * t - 0.14 * t * t;
-            (
-                vec3(2.15 * t, 0.24, 0.0),
-                top,
-                0.88 * end * (0.94 + 0.06 * ops::cos(3.0 * t)),
-                end,
-            )
+            let half_width = 0.88 * end * (0.94 + 0.06 * ops::cos(3.0 * t));
+            (vec3(2.15 * t, 0.24, 0.0), top, half_width, end)
         });
     });
     scene.place(&body, &paint, at);
     let cabin = scene.shape(|g| {
         hull(g, (long, round), |t| {
             let arc = (1.0 - ops::powf(t.abs(), 2.6)).max(0.0);
-            (
-                vec3(1.25 * t - 0.35, 0.62, 0.0),
-                0.66 + 0.6 * arc,
-                0.74 * arc.sqrt(),
-                1.0,
-            )
+            let low = vec3(1.25 * t - 0.35, 0.62, 0.0);
+            (low, 0.66 + 0.6 * arc, 0.74 * arc.sqrt(), 1.0)
         });
     });
     scene.place(&cabin, &glass, at);
@@ -122,7 +98,7 @@ fn car(scene: &mut SceneBuilder, fine: f32, color: Color, at: Transform) {
         let profile = [
             0.0, -0.07, 0.24, -0.07, 0.25, 0.03, 0.2, 0.05, 0.19, 0.02, 0.06, 0.05, 0.0, 0.06,
         ];
-        let outwards = Transform::from_rotation(bevy::math::Quat::from_rotation_x(0.25 * TAU));
+        let outwards = Transform::from_rotation(Quat::from_rotation_x(0.25 * TAU));
         g.part(outwards, |part| lathe(part, segments(40, fine), &profile));
     });
     let lamp = scene.shape(|g| g.sphere(Vec3::ZERO, 0.11, segments(32, fine), Vec2::ONE));

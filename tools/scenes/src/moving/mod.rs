@@ -8,21 +8,9 @@ pub use casts::{ATRIUM, STREET, TEMPLE};
 
 use crate::{
     animation::{Flicker, Motion},
-    builder::SceneBuilder,
-    environment::SceneOptions,
-    geometry::turned,
-    materials::{gloss, glow, metal},
+    prelude::*,
 };
-use bevy::{
-    asset::Handle,
-    camera::visibility::Visibility,
-    color::{Color, LinearRgba},
-    ecs::{entity::Entity, hierarchy::ChildOf, world::World},
-    light::{NotShadowCaster, PointLight},
-    math::{Quat, Vec2, Vec3, vec3},
-    pbr::StandardMaterial,
-    transform::components::Transform,
-};
+use bevy::light::NotShadowCaster;
 
 /// A person who walks around an ellipse.
 pub struct Walker {
@@ -83,6 +71,9 @@ pub struct Cast {
     flames: &'static [Flame],
 }
 
+/// A mesh and its material.
+type Part<'a> = (&'a SceneMesh, &'a Handle<StandardMaterial>);
+
 /// Radius of balls in metres.
 const BALL: f32 = 0.36;
 /// Light of lamps and flames.
@@ -91,7 +82,7 @@ const WARM: Color = Color::srgb(1.0, 0.74, 0.46);
 const BULB: LinearRgba = LinearRgba::rgb(9.0, 5.2, 2.2);
 
 /// Adds a cast to a scene that was spawned; returns the scene's root.
-pub fn add(world: &mut World, root: Entity, cast: &Cast, options: &SceneOptions) -> Entity {
+pub fn add(root: Entity, cast: &Cast, world: &mut World, options: &SceneOptions) -> Entity {
     let mut scene = SceneBuilder::resume(world, root);
     let detail = options.detail;
     walkers(&mut scene, cast.walkers, detail);
@@ -113,6 +104,14 @@ fn attach(scene: &mut SceneBuilder, part: Entity, to: Entity) {
     scene.world.entity_mut(part).insert(ChildOf(to));
 }
 
+/// Places meshes as parts of another object, at its origin.
+fn attach_all<'a>(scene: &mut SceneBuilder, parts: impl IntoIterator<Item = Part<'a>>, to: Entity) {
+    for (mesh, material) in parts {
+        let part = scene.place(mesh, material, Transform::IDENTITY);
+        attach(scene, part, to);
+    }
+}
+
 fn walkers(scene: &mut SceneBuilder, walkers: &[Walker], detail: f32) {
     let body = scene.shape(|g| shapes::body(g, detail));
     let head = scene.shape(|g| shapes::head(g, detail));
@@ -129,10 +128,7 @@ fn walkers(scene: &mut SceneBuilder, walkers: &[Walker], detail: f32) {
             phase: walker.phase,
         };
         let root = mover(scene, motion, Transform::IDENTITY);
-        for (mesh, material) in [(&body, &coat), (&head, &skin)] {
-            let part = scene.place(mesh, material, Transform::IDENTITY);
-            attach(scene, part, root);
-        }
+        attach_all(scene, [(&body, &coat), (&head, &skin)], root);
         // Arms swing against the legs of their side.
         for (side, phase) in [(-1.0, 0.0), (1.0, 0.5)] {
             for (mesh, material, at, angle, phase) in [
@@ -183,10 +179,7 @@ fn vans(scene: &mut SceneBuilder, vans: &[Shuttle], detail: f32) {
             phase: van.phase,
         };
         let root = mover(scene, motion, Transform::IDENTITY);
-        for (mesh, material) in &parts {
-            let part = scene.place(mesh, material, Transform::IDENTITY);
-            attach(scene, part, root);
-        }
+        attach_all(scene, parts.iter().map(|(mesh, material)| (mesh, material)), root);
     }
 }
 
@@ -206,10 +199,7 @@ fn balls(scene: &mut SceneBuilder, balls: &[Shuttle], detail: f32) {
             phase: shuttle.phase,
         };
         let root = mover(scene, motion, Transform::IDENTITY);
-        for (mesh, material) in [(&ball, &chrome), (&bands, &paint)] {
-            let part = scene.place(mesh, material, Transform::IDENTITY);
-            attach(scene, part, root);
-        }
+        attach_all(scene, [(&ball, &chrome), (&bands, &paint)], root);
     }
 }
 
@@ -227,10 +217,7 @@ fn doors(scene: &mut SceneBuilder, doors: &[Door]) {
             phase: 0.0,
         };
         let root = mover(scene, motion, Transform::from_translation(door.hinge));
-        for (mesh, material) in [(&leaf, &lacquer), (&fittings, &brass)] {
-            let part = scene.place(mesh, material, Transform::IDENTITY);
-            attach(scene, part, root);
-        }
+        attach_all(scene, [(&leaf, &lacquer), (&fittings, &brass)], root);
     }
 }
 
@@ -266,8 +253,7 @@ fn pendulums(scene: &mut SceneBuilder, pendulums: &[Pendulum], detail: f32) {
         };
         let root = mover(scene, motion, Transform::from_translation(pendulum.pivot));
         let cord = scene.shape(|g| shapes::cord(g, pendulum.length, detail));
-        let cord = scene.place(&cord, &iron, Transform::IDENTITY);
-        attach(scene, cord, root);
+        attach_all(scene, [(&cord, &iron)], root);
         let bulb = scene.material(glow(BULB));
         for part in lamp(scene, Vec3::NEG_Y * pendulum.length, pendulum.lumens, &bulb, detail) {
             attach(scene, part, root);

@@ -1,10 +1,6 @@
 //! Shapes of the moving objects.
 
-use crate::geometry::{Geometry, segments};
-use bevy::{
-    math::{Quat, Vec2, Vec3, vec2, vec3},
-    transform::components::Transform,
-};
+use crate::prelude::*;
 use std::f32::consts::FRAC_PI_2;
 
 /// Height of a person's hips and shoulders in metres. A person is 1.76 m tall, and looks along +x.
@@ -39,21 +35,15 @@ pub fn head(g: &mut Geometry, detail: f32) {
 
 /// A leg with a shoe, which hangs from the hip.
 pub fn leg(g: &mut Geometry, detail: f32) {
-    g.tube(
-        &[Vec3::ZERO, vec3(0.02, -0.42, 0.0), vec3(0.0, -0.84, 0.0)],
-        0.075,
-        segments(12, detail),
-    );
+    let line = [Vec3::ZERO, vec3(0.02, -0.42, 0.0), vec3(0.0, -0.84, 0.0)];
+    g.tube(&line, 0.075, segments(12, detail));
     g.rounded_box(vec3(0.06, -0.84, 0.0), vec3(0.27, 0.08, 0.1), 0.03, 2, 1.0);
 }
 
 /// An arm with a hand, which hangs from the shoulder.
 pub fn arm(g: &mut Geometry, detail: f32) {
-    g.tube(
-        &[Vec3::ZERO, vec3(0.0, -0.3, 0.02), vec3(0.06, -0.56, 0.0)],
-        0.052,
-        segments(10, detail),
-    );
+    let line = [Vec3::ZERO, vec3(0.0, -0.3, 0.02), vec3(0.06, -0.56, 0.0)];
+    g.tube(&line, 0.052, segments(10, detail));
     g.sphere(vec3(0.07, -0.6, 0.0), 0.05, segments(12, detail), Vec2::ONE);
 }
 
@@ -115,21 +105,15 @@ pub fn ball(g: &mut Geometry, radius: f32, detail: f32) {
 
 /// Two hoops of paint on a ball, which make its rolling visible.
 pub fn bands(g: &mut Geometry, radius: f32, detail: f32) {
-    let mut hoop = Geometry::default();
-    hoop.torus(radius, 0.02, segments(40, detail), 6);
+    let hoop = Geometry::of(|g| g.torus(radius, 0.02, segments(40, detail), 6));
     g.append(&hoop, Transform::IDENTITY);
     g.append(&hoop, Transform::from_rotation(Quat::from_rotation_y(FRAC_PI_2)));
 }
 
 /// A leaf with panels, from its hinge along +x.
 pub fn leaf(g: &mut Geometry, size: Vec2) {
-    g.rounded_box(
-        vec3(0.5 * size.x, 0.5 * size.y, 0.0),
-        vec3(size.x, size.y, 0.05),
-        0.012,
-        2,
-        0.5,
-    );
+    let middle = (0.5 * size).extend(0.0);
+    g.rounded_box(middle, size.extend(0.05), 0.012, 2, 0.5);
     for side in [-1.0, 1.0] {
         for y in [0.28, 0.72] {
             let at = vec3(0.5 * size.x, y * size.y, 0.028 * side);
@@ -144,13 +128,8 @@ pub fn fittings(g: &mut Geometry, size: Vec2) {
     g.sphere(vec3(x, 1.02, 0.07), 0.035, 16, Vec2::ONE);
     g.sphere(vec3(x, 1.02, -0.07), 0.035, 16, Vec2::ONE);
     g.tube(&[vec3(x, 1.02, -0.07), vec3(x, 1.02, 0.07)], 0.012, 8);
-    g.rounded_box(
-        vec3(0.5 * size.x, 0.1, 0.0),
-        vec3(0.94 * size.x, 0.16, 0.06),
-        0.006,
-        1,
-        0.5,
-    );
+    let plate = vec3(0.94 * size.x, 0.16, 0.06);
+    g.rounded_box(vec3(0.5 * size.x, 0.1, 0.0), plate, 0.006, 1, 0.5);
 }
 
 /// The cord of a lamp with a shade, from the origin down.

@@ -33,40 +33,50 @@ fn names_round_trip() {
     assert!(error.unwrap_err().to_string().contains("atrium"));
 }
 
+fn positions_and_normals(mesh: &Mesh) -> [Vec<Vec3>; 2] {
+    [Mesh::ATTRIBUTE_POSITION, Mesh::ATTRIBUTE_NORMAL].map(|attribute| match mesh.attribute(attribute) {
+        Some(VertexAttributeValues::Float32x3(values)) => values.iter().map(|value| Vec3::from(*value)).collect(),
+        _ => panic!("no {}", attribute.name),
+    })
+}
+
+fn indices(mesh: &Mesh) -> &[u32] {
+    match mesh.indices() {
+        Some(Indices::U32(indices)) => indices,
+        _ => panic!("no indices of 32 bits"),
+    }
+}
+
 #[test]
 fn every_mesh_is_complete() {
     for name in SceneName::ALL {
         let (world, _) = spawned(name, &SMALL);
         for (_, mesh) in world.resource::<Assets<Mesh>>().iter() {
             let vertices = mesh.count_vertices();
-            for attribute in [Mesh::ATTRIBUTE_POSITION, Mesh::ATTRIBUTE_NORMAL] {
-                let Some(VertexAttributeValues::Float32x3(values)) = mesh.attribute(attribute) else {
-                    panic!("{name}")
-                };
-                assert!(values.len() == vertices && values.iter().flatten().all(|v| v.is_finite()));
+            let [positions, normals] = positions_and_normals(mesh);
+            for values in [&positions, &normals] {
+                assert!(
+                    values.len() == vertices && values.iter().all(|v| v.is_finite()),
+                    "{name}"
+                );
             }
-            let Some(VertexAttributeValues::Float32x3(normals)) = mesh.attribute(Mesh::ATTRIBUTE_NORMAL) else {
-                panic!()
-            };
-            let Some(VertexAttributeValues::Float32x4(tangents)) = mesh.attribute(Mesh::ATTRIBUTE_TANGENT) else {
-                panic!()
-            };
-            let Some(VertexAttributeValues::Float32x2(uvs)) = mesh.attribute(Mesh::ATTRIBUTE_UV_0) else {
-                panic!()
+            let (Some(VertexAttributeValues::Float32x4(tangents)), Some(VertexAttributeValues::Float32x2(uvs))) = (
+                mesh.attribute(Mesh::ATTRIBUTE_TANGENT),
+                mesh.attribute(Mesh::ATTRIBUTE_UV_0),
+            ) else {
+                panic!("{name}")
             };
             assert!(uvs.len() == vertices && uvs.iter().flatten().all(|v| v.is_finite()));
             assert_eq!(tangents.len(), vertices);
             for (normal, &[x, y, z, w]) in normals.iter().zip(tangents) {
-                let (normal, tangent) = (Vec3::from(*normal), Vec3::new(x, y, z));
+                let tangent = Vec3::new(x, y, z);
                 assert!(
                     (normal.length() - 1.0).abs() < 1e-3 && (tangent.length() - 1.0).abs() < 1e-3,
                     "{name}"
                 );
                 assert!(normal.dot(tangent).abs() < 1e-3 && w.abs() == 1.0, "{name}");
             }
-            let Some(Indices::U32(indices)) = mesh.indices() else {
-                panic!("{name}")
-            };
+            let indices = indices(mesh);
             assert!(
                 !indices.is_empty() && indices.iter().all(|&i| (i as usize) < vertices),
                 "{name}"
@@ -81,18 +91,10 @@ fn faces_agree_with_normals() {
         let (world, _) = spawned(name, &SMALL);
         let (mut wrong, mut all) = (0, 0);
         for (_, mesh) in world.resource::<Assets<Mesh>>().iter() {
-            let Some(VertexAttributeValues::Float32x3(positions)) = mesh.attribute(Mesh::ATTRIBUTE_POSITION) else {
-                panic!()
-            };
-            let Some(VertexAttributeValues::Float32x3(normals)) = mesh.attribute(Mesh::ATTRIBUTE_NORMAL) else {
-                panic!()
-            };
-            let Some(Indices::U32(indices)) = mesh.indices() else {
-                panic!()
-            };
-            for triangle in indices.chunks_exact(3) {
-                let [a, b, c] = [0, 1, 2].map(|i| Vec3::from(positions[triangle[i] as usize]));
-                let shading: Vec3 = triangle.iter().map(|&i| Vec3::from(normals[i as usize])).sum();
+            let [positions, normals] = positions_and_normals(mesh);
+            for triangle in indices(mesh).chunks_exact(3) {
+                let [a, b, c] = [0, 1, 2].map(|i| positions[triangle[i] as usize]);
+                let shading: Vec3 = triangle.iter().map(|&i| normals[i as usize]).sum();
                 wrong += usize::from((b - a).cross(c - a).dot(shading) <= 0.0);
                 all += 1;
             }
@@ -268,15 +270,6 @@ fn views_show_what_moves_and_nothing_runs_into_the_camera() {
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }
 
-fn positions_and_normals(mesh: &Mesh) -> Vec<(Vec3, Vec3)> {
-    let vectors = |attribute| match mesh.attribute(attribute) {
-        Some(VertexAttributeValues::Float32x3(values)) => values.iter().map(|value| Vec3::from(*value)).collect(),
-        _ => Vec::new(),
-    };
-    let normals: Vec<Vec3> = vectors(Mesh::ATTRIBUTE_NORMAL);
-    vectors(Mesh::ATTRIBUTE_POSITION).into_iter().zip(normals).collect()
-}
-
 #[test]
 fn two_views_show_all_shapes_and_normals_that_face_away() {
     let (mut world, _) = spawned(SceneName::Shapes, &SMALL);
@@ -295,7 +288,9 @@ fn two_views_show_all_shapes_and_normals_that_face_away() {
             continue;
         }
         roughness.push(material.perceptual_roughness);
-        let vertices = positions_and_normals(meshes.get(&mesh.0).unwrap());
+        let mesh = meshes.get(&mesh.0).unwrap();
+        let [positions, normals] = positions_and_normals(mesh);
+        let vertices: Vec<(Vec3, Vec3)> = positions.into_iter().zip(normals).collect();
         let is_seen = |view: &Transform| {
             vertices.iter().all(|(position, _)| {
                 let point = view.rotation.inverse() * (transform.transform_point(*position) - view.translation);
@@ -309,10 +304,7 @@ fn two_views_show_all_shapes_and_normals_that_face_away() {
         );
         for (index, view) in views.iter().enumerate() {
             seen[index] += usize::from(is_seen(view));
-            let Some(Indices::U32(indices)) = meshes.get(&mesh.0).unwrap().indices() else {
-                panic!("a mesh without indices")
-            };
-            for triangle in indices.chunks_exact(3) {
+            for triangle in indices(mesh).chunks_exact(3) {
                 let corners = [0, 1, 2].map(|i| vertices[triangle[i] as usize]);
                 let [a, b, c] = corners.map(|(position, _)| transform.transform_point(position));
                 let faces = |normal: Vec3| normal.dot(view.translation - a) > 0.0;

@@ -4,19 +4,10 @@ use super::{
     bevel,
     materials::Materials,
     plan::*,
-    segments,
     shapes::{block, front, pick, rod, turned_shape},
     tableware::Setting,
 };
-use crate::{
-    builder::SceneBuilder,
-    geometry::{Geometry, turned},
-    random::Random,
-};
-use bevy::{
-    math::{Quat, Vec2, Vec3, ops, vec2, vec3},
-    transform::components::Transform,
-};
+use crate::prelude::*;
 use std::f32::consts::TAU;
 
 /// Furnishes the terrace.

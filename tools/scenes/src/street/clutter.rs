@@ -4,18 +4,9 @@ use super::{
     bevel,
     materials::Materials,
     plan::*,
-    segments,
     shapes::{bent, block, curve, pick, rod, turned_shape},
 };
-use crate::{
-    builder::SceneBuilder,
-    geometry::{Geometry, turned},
-    random::Random,
-};
-use bevy::{
-    math::{Quat, Vec2, Vec3, ops, vec2, vec3},
-    transform::components::Transform,
-};
+use crate::prelude::*;
 use std::f32::consts::{FRAC_PI_2, PI};
 
 /// Places all of it.
@@ -163,7 +154,6 @@ fn signs(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
         }
     });
     let round = |radius: f32, front: f32| {
-        let mut disc = Geometry::default();
         let profile = [
             (0.0, -0.01),
             (radius, -0.01),
@@ -172,11 +162,8 @@ fn signs(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
             (radius - 0.004, front),
             (0.0, front),
         ];
-        turned_shape(&mut disc, segments(36, detail), &profile);
-        let mut placed = Geometry::default();
         let upright = Transform::from_xyz(0.0, 2.5, 0.056).with_rotation(Quat::from_rotation_x(FRAC_PI_2));
-        placed.append(&disc, upright);
-        placed
+        Geometry::of(|g| g.part(upright, |part| turned_shape(part, segments(36, detail), &profile)))
     };
     let (disc, plate) = (scene.mesh(round(0.32, 0.004)), scene.mesh(round(0.255, 0.010)));
     let bar = scene.shape(|g| block(g, 1, [0.0, 2.5, 0.068], [0.40, 0.09, 0.008]));
@@ -218,8 +205,7 @@ fn greengrocer(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
     });
     let heap = |seed: u64, radius: f32| {
         let mut random = Random::new(seed);
-        let mut fruit = Geometry::default();
-        fruit.sphere(Vec3::ZERO, radius, segments(12, detail), Vec2::ONE);
+        let fruit = Geometry::of(|g| g.sphere(Vec3::ZERO, radius, segments(12, detail), Vec2::ONE));
         let mut g = Geometry::default();
         let (columns, rows) = ((0.54 / (2.0 * radius)) as u32, (0.35 / (2.0 * radius)) as u32);
         for layer in 0..3u32 {

@@ -4,17 +4,9 @@ use super::{
     bevel,
     materials::Materials,
     plan::*,
-    segments,
     shapes::{bent, block, rod},
 };
-use crate::{
-    builder::SceneBuilder,
-    geometry::{Geometry, turned},
-};
-use bevy::{
-    math::{Quat, Vec2, ops, vec2, vec3},
-    transform::components::Transform,
-};
+use crate::prelude::*;
 use std::f32::consts::TAU;
 
 /// Radius of the wheels and positions of their hubs along x.
@@ -142,11 +134,6 @@ fn rack(g: &mut Geometry, sides: u32) {
         rod(g, sides, 0.024, [x, 0.0, 0.0], [x, 0.62, 0.0]);
     }
     let (left, right) = ([-0.28, 0.76, 0.0], [0.28, 0.76, 0.0]);
-    bent(
-        g,
-        sides,
-        0.024,
-        5,
-        &[[-0.35, 0.61, 0.0], left, right, [0.35, 0.61, 0.0]],
-    );
+    let bow = [[-0.35, 0.61, 0.0], left, right, [0.35, 0.61, 0.0]];
+    bent(g, sides, 0.024, 5, &bow);
 }

@@ -7,18 +7,9 @@ use super::{
     plan::*,
     plots::{Corner, Plot, ROWS, Roof},
     roofs::{Roofs, TILES_RISE},
-    segments,
-    shapes::{Opening, block, moulding, pick, pierced},
+    shapes::{block, moulding, pick, pierced},
 };
-use crate::{
-    builder::{SceneBuilder, SceneMesh},
-    geometry::{Geometry, turned},
-    random::Random,
-};
-use bevy::{
-    math::{Quat, vec3},
-    transform::components::Transform,
-};
+use crate::prelude::*;
 use std::f32::consts::FRAC_PI_2;
 
 /// Walls below this index are plastered; then come two kinds of brick, then stone.
@@ -168,59 +159,31 @@ fn walls(scene: &mut SceneBuilder, m: &Materials, house: &House) {
             for bay in 0..plot.bays() {
                 let [w, h, sill] = house.bay(floor, bay).opening(floor == 0);
                 let (middle, half) = (plot.middle(bay), 0.5 * plot.bay());
-                let opening = Opening {
-                    left: middle - 0.5 * w,
-                    right: middle + 0.5 * w,
-                    bottom: base + sill,
-                    top: base + sill + h,
-                };
-                pierced(
-                    g,
-                    [middle - half, bottom],
-                    [middle + half, top],
-                    opening,
-                    REVEAL,
-                    uv_scale,
-                );
+                let opening = Rect::new(middle - 0.5 * w, base + sill, middle + 0.5 * w, base + sill + h);
+                let wall = Rect::new(middle - half, bottom, middle + half, top);
+                pierced(g, wall, opening, REVEAL, uv_scale);
             }
         }
         if plot.corner == Corner::SecondFront {
             return;
         }
         let back = -plot.depth;
-        let p = |x: f32, y: f32, z: f32| vec3(x, y, z);
         // Between neighbours the walls leave a gap, so that no two faces share a plane.
         let (left, right) = (0.02, width - 0.02);
-        let ridge = p(0.0, height + ridge_height(plot), -3.0);
-        if plot.corner != Corner::Left {
-            let corners = [
-                p(left, low, back),
-                p(left, low, 0.0),
-                p(left, height, 0.0),
-                p(left, height, back),
-            ];
-            g.mapped_quad(corners, uv_scale);
-            let top = ridge.with_x(left);
-            g.mapped_quad([p(left, height, -6.4), p(left, height, 0.4), top, top], uv_scale);
+        let ridge = vec3(0.0, height + ridge_height(plot), -3.0);
+        for (corner, x) in [(Corner::Left, left), (Corner::Right, right)] {
+            if plot.corner == corner {
+                continue;
+            }
+            let p = |y: f32, z: f32| vec3(x, y, z);
+            let wall = [p(low, back), p(low, 0.0), p(height, 0.0), p(height, back)];
+            let gable = [p(height, -6.4), p(height, 0.4), ridge.with_x(x), ridge.with_x(x)];
+            for corners in [wall, gable] {
+                g.mapped_quad(facing(corner == Corner::Left, corners), uv_scale);
+            }
         }
-        if plot.corner != Corner::Right {
-            let corners = [
-                p(right, low, 0.0),
-                p(right, low, back),
-                p(right, height, back),
-                p(right, height, 0.0),
-            ];
-            g.mapped_quad(corners, uv_scale);
-            let top = ridge.with_x(right);
-            g.mapped_quad([p(right, height, 0.4), p(right, height, -6.4), top, top], uv_scale);
-        }
-        let corners = [
-            p(width, low, back),
-            p(0.0, low, back),
-            p(0.0, height, back),
-            p(width, height, back),
-        ];
-        g.mapped_quad(corners, uv_scale);
+        let wall = [(width, low), (0.0, low), (0.0, height), (width, height)];
+        g.mapped_quad(wall.map(|(x, y)| vec3(x, y, back)), uv_scale);
     });
     scene.place(&mesh, &m.walls[plot.wall], house.at);
 }
@@ -235,12 +198,8 @@ fn quoins(g: &mut Geometry, side: f32, edges: u32) {
     for i in 0..8 {
         let wide = if i % 2 == 0 { 0.44 } else { 0.30 };
         let y = STOREY * (i as f32 + 0.5) / 8.0;
-        block(
-            g,
-            edges,
-            [side * (0.5 * wide + 0.01), y, 0.015],
-            [wide, STOREY / 8.0 - 0.015, 0.05],
-        );
+        let middle = [side * (0.5 * wide + 0.01), y, 0.015];
+        block(g, edges, middle, [wide, STOREY / 8.0 - 0.015, 0.05]);
     }
 }
 
@@ -259,18 +218,15 @@ fn trim(scene: &mut SceneBuilder, m: &Materials, shared: &Shared, house: &House,
                 moulding(part, width + left + right, profile);
             });
         };
-        run(
-            g,
-            0.11,
-            &[
-                (0.0, 3.62),
-                (0.07, 3.63),
-                (0.07, 3.70),
-                (0.09, 3.72),
-                (0.11, 3.78),
-                (0.0, 3.82),
-            ],
-        );
+        let belt = [
+            (0.0, 3.62),
+            (0.07, 3.63),
+            (0.07, 3.70),
+            (0.09, 3.72),
+            (0.11, 3.78),
+            (0.0, 3.82),
+        ];
+        run(g, 0.11, &belt);
         let cornice = [
             (0.0, -0.52),
             (0.06, -0.50),

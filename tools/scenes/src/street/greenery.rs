@@ -4,19 +4,9 @@ use super::{
     bevel,
     materials::Materials,
     plan::*,
-    segments,
     shapes::{block, curve, pick, rod, turned_shape},
 };
-use crate::{
-    builder::{SceneBuilder, SceneMesh},
-    geometry::{Geometry, turned},
-    props,
-    random::Random,
-};
-use bevy::{
-    math::{Quat, Vec2, Vec3, ops, vec3},
-    transform::components::Transform,
-};
+use crate::prelude::*;
 use std::f32::consts::TAU;
 
 /// Places of the trees.

@@ -4,17 +4,9 @@ use super::{
     bevel,
     materials::{Material, Materials},
     plan::*,
-    segments,
     shapes::{block, turned_shape},
 };
-use crate::{
-    builder::SceneBuilder,
-    geometry::{Geometry, turned},
-};
-use bevy::{
-    math::{Vec2, vec2, vec3},
-    transform::components::Transform,
-};
+use crate::prelude::*;
 
 /// Roadway of the side street along x, between its kerbs.
 const SIDE: [f32; 2] = [6.2, 10.8];
@@ -39,17 +31,8 @@ fn level(g: &mut Geometry, low: Vec2, high: Vec2, height: f32, degrees: f32, uv_
     for i in 0..pieces.x as u32 {
         for j in 0..pieces.y as u32 {
             let from = low + step * vec2(i as f32, j as f32);
-            let to = from + step;
-            let corner = |x: f32, z: f32| turn * vec3(x, height, z);
-            g.mapped_quad(
-                [
-                    corner(from.x, to.y),
-                    corner(to.x, to.y),
-                    corner(to.x, from.y),
-                    corner(from.x, from.y),
-                ],
-                uv_scale,
-            );
+            let corners = level_corners(from, from + step, height);
+            g.mapped_quad(corners.map(|corner| turn * corner), uv_scale);
         }
     }
 }

@@ -4,20 +4,10 @@ use super::{
     bevel,
     materials::Materials,
     plan::*,
-    segments,
     shapes::{bent, block, curve, rod, turned_shape},
     sun,
 };
-use crate::{
-    builder::{SceneBuilder, SceneMesh},
-    geometry::turned,
-    props,
-};
-use bevy::{
-    color::Color,
-    math::{Vec2, Vec3, vec3},
-    transform::components::Transform,
-};
+use crate::prelude::*;
 
 /// Warm light of lamps and bulbs.
 const WARM: Color = Color::srgb(1.0, 0.74, 0.46);
@@ -139,13 +129,8 @@ fn wall_lamps(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
         scene.place(&bracket, &m.iron, at);
         scene.place_unshadowed(&bulb, &m.lamp, at);
     }
-    scene.lamp(
-        vec3(SIDE_WEST + 0.55, PAVEMENT + 3.98, -18.4),
-        WARM,
-        90_000.0,
-        12.0,
-        0.1,
-    );
+    let first = vec3(SIDE_WEST + 0.55, PAVEMENT + 3.98, -18.4);
+    scene.lamp(first, WARM, 90_000.0, 12.0, 0.1);
 }
 
 /// Bulbs on lines over the street and along the café's awning.
@@ -164,13 +149,8 @@ fn strings(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
     }
     for bay in 0..5 {
         let x = SIDE_WEST - 13.0 + 2.6 * (bay as f32 + 0.5);
-        hang(
-            scene,
-            m,
-            &swag,
-            Transform::from_xyz(x, PAVEMENT + 2.58, NORTH + 1.54),
-            0,
-        );
+        let at = Transform::from_xyz(x, PAVEMENT + 2.58, NORTH + 1.54);
+        hang(scene, m, &swag, at, 0);
     }
 }
 

@@ -1,17 +1,7 @@
 //! Materials of the street: few textures, many dyes.
 
 use super::surfaces;
-use crate::{
-    builder::SceneBuilder,
-    materials::{both_sides, dielectric, dyed, gloss, metal},
-    patterns, props,
-};
-use bevy::{
-    asset::Handle,
-    color::{Color, LinearRgba},
-    math::{Vec3, vec3},
-    pbr::StandardMaterial,
-};
+use crate::prelude::*;
 
 /// A material asset.
 pub type Material = Handle<StandardMaterial>;

@@ -21,17 +21,7 @@ mod surfaces;
 mod tableware;
 mod vehicles;
 
-use crate::geometry::segments;
-use crate::{
-    builder::SceneBuilder,
-    camera_path::CameraPath,
-    environment::{Environment, SceneOptions},
-    sky::{Sky, sun_direction},
-};
-use bevy::{
-    ecs::{entity::Entity, world::World},
-    math::{Vec3, vec3},
-};
+use crate::prelude::*;
 use materials::Materials;
 
 /// Measures of the street in metres.

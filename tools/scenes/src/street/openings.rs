@@ -4,18 +4,9 @@
 use super::{
     bevel,
     materials::{Material, Materials},
-    segments,
     shapes::{bent, block, front, moulding, pick, rod},
 };
-use crate::{
-    builder::{SceneBuilder, SceneMesh},
-    geometry::Geometry,
-    random::Random,
-};
-use bevy::{
-    math::{Quat, Vec2, Vec3, vec2, vec3},
-    transform::components::Transform,
-};
+use crate::prelude::*;
 
 /// How far openings go into the wall.
 pub const REVEAL: f32 = 0.22;
@@ -129,12 +120,8 @@ impl Casement {
 fn surround(g: &mut Geometry, [w, h]: [f32; 2], sill: bool, edges: u32) {
     for side in [-1.0, 1.0] {
         // A little off the opening's edge, so that no two faces share a plane.
-        block(
-            g,
-            edges,
-            [side * (0.5 * w + 0.082), 0.5 * h, 0.02],
-            [0.14, h + 0.02, 0.06],
-        );
+        let middle = [side * (0.5 * w + 0.082), 0.5 * h, 0.02];
+        block(g, edges, middle, [0.14, h + 0.02, 0.06]);
         if sill {
             g.cuboid(vec3(side * 0.42 * w, -0.17, 0.05), vec3(0.1, 0.14, 0.11), 1.0);
         }
@@ -191,10 +178,8 @@ fn panes(g: &mut Geometry, [w, h]: [f32; 2], rows: u32, seed: u64) {
             let low = 0.06 + row as f32 * tall;
             let (lean, turn) = (random.range(-0.0035, 0.0035), random.range(-0.0025, 0.0025));
             let corner = |x: f32, y: f32| vec3(left + x * wide, low + y * tall, -0.15 + lean * y + turn * x);
-            g.quad(
-                [corner(0.0, 0.0), corner(1.0, 0.0), corner(1.0, 1.0), corner(0.0, 1.0)],
-                vec2(wide, tall) * random.range(0.8, 1.2),
-            );
+            let corners = [corner(0.0, 0.0), corner(1.0, 0.0), corner(1.0, 1.0), corner(0.0, 1.0)];
+            g.quad(corners, vec2(wide, tall) * random.range(0.8, 1.2));
         }
     }
 }

@@ -1,7 +1,7 @@
 //! The plots along the streets and the house on each of them.
 
 use super::plan::*;
-use bevy::math::{Vec3, vec3};
+use crate::prelude::*;
 
 /// Roof of a house.
 #[derive(Clone, Copy, PartialEq, Eq)]

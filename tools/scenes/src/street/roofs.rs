@@ -5,18 +5,9 @@ use super::{
     materials::{Material, Materials},
     openings::{Look, Openings, WINDOW},
     plots::{Plot, Roof},
-    segments,
-    shapes::{Opening, block, pick, pierced, rod, turned_shape},
+    shapes::{block, pick, pierced, rod, turned_shape},
 };
-use crate::{
-    builder::{SceneBuilder, SceneMesh},
-    geometry::Geometry,
-    random::Random,
-};
-use bevy::{
-    math::{Quat, Vec2, ops, vec2, vec3},
-    transform::components::Transform,
-};
+use crate::prelude::*;
 use std::f32::consts::PI;
 
 /// Depth of a slope of tiles from the eaves, before the wall, to the ridge.
@@ -68,10 +59,8 @@ impl Roofs {
                 ];
                 turned_shape(&mut pot, segments(14, detail), &profile);
                 for (x, scale) in [(-0.38, 1.0), (0.0, 1.25), (0.38, 0.9)] {
-                    g.append(
-                        &pot,
-                        Transform::from_xyz(x, 3.11, 0.0).with_scale(vec3(1.0, scale, 1.0)),
-                    );
+                    let place = Transform::from_xyz(x, 3.11, 0.0);
+                    g.append(&pot, place.with_scale(vec3(1.0, scale, 1.0)));
                 }
             }),
         }
@@ -183,13 +172,9 @@ fn mansard(g: &mut Geometry, plot: &Plot) {
     let top = SLATES.y + 0.04;
     slope(g, plot, [0.0, foot], [top, head]);
     slope(g, plot, [top, head], [top, back]);
-    for (x, side) in [(0.02, 1.0), (width - 0.02, -1.0)] {
-        let mut corners = [p(x, 0.0, back), p(x, 0.0, foot), p(x, top, head), p(x, top, back)];
-        if side < 0.0 {
-            corners.swap(0, 1);
-            corners.swap(2, 3);
-        }
-        g.mapped_quad(corners, 0.5);
+    for (x, is_left) in [(0.02, true), (width - 0.02, false)] {
+        let corners = [p(x, 0.0, back), p(x, 0.0, foot), p(x, top, head), p(x, top, back)];
+        g.mapped_quad(facing(is_left, corners), 0.5);
     }
     let (left, right) = (p(0.0, 0.0, back), p(width, 0.0, back));
     g.mapped_quad([right, left, p(0.0, top, back), p(width, top, back)], 0.5);
@@ -247,28 +232,17 @@ fn slates(g: &mut Geometry) {
         let shift = if row % 2 == 0 { 0.0 } else { 0.5 };
         for column in 0..columns {
             let x = (column as f32 + shift) * wide - 0.5 * PATCH;
-            let (left, right) = (x + 0.004, (x + wide - 0.004).min(0.5 * PATCH));
+            let (l, r) = (x + 0.004, (x + wide - 0.004).min(0.5 * PATCH));
             let (low, high) = (row as f32 * tall, (row + 1) as f32 * tall + 0.03);
             let lift = 0.022 + random.range(0.0, 0.006);
-            let p = |x: f32, y: f32, z: f32| vec3(x, y, z);
-            let uv = vec2(0.2, 0.2);
+            let under = lift - 0.014;
+            let (p, uv) = (vec3, Vec2::splat(0.2));
             g.quad(
-                [
-                    p(left, low, lift),
-                    p(right, low, lift),
-                    p(right, high, 0.004),
-                    p(left, high, 0.004),
-                ],
+                [p(l, low, lift), p(r, low, lift), p(r, high, 0.004), p(l, high, 0.004)],
                 uv,
             );
-            let under = lift - 0.014;
             g.quad(
-                [
-                    p(left, low, under),
-                    p(right, low, under),
-                    p(right, low, lift),
-                    p(left, low, lift),
-                ],
+                [p(l, low, under), p(r, low, under), p(r, low, lift), p(l, low, lift)],
                 uv,
             );
         }
@@ -278,32 +252,12 @@ fn slates(g: &mut Geometry) {
 /// A dormer with an opening for a window, 0.32 above its foot.
 fn dormer(g: &mut Geometry, detail: f32) {
     let (half, wall, crown, back) = (0.75, 2.24, 0.24, -1.0);
-    let opening = Opening {
-        left: -0.5 * WINDOW[0],
-        right: 0.5 * WINDOW[0],
-        bottom: 0.32,
-        top: 0.32 + WINDOW[1],
-    };
-    pierced(g, [-half, 0.0], [half, wall], opening, 0.2, 0.5);
-    let p = |x: f32, y: f32, z: f32| vec3(x, y, z);
-    g.mapped_quad(
-        [
-            p(half, 0.0, 0.0),
-            p(half, 0.0, back),
-            p(half, wall, back),
-            p(half, wall, 0.0),
-        ],
-        0.5,
-    );
-    g.mapped_quad(
-        [
-            p(-half, 0.0, back),
-            p(-half, 0.0, 0.0),
-            p(-half, wall, 0.0),
-            p(-half, wall, back),
-        ],
-        0.5,
-    );
+    let opening = Rect::new(-0.5 * WINDOW[0], 0.32, 0.5 * WINDOW[0], 0.32 + WINDOW[1]);
+    pierced(g, Rect::new(-half, 0.0, half, wall), opening, 0.2, 0.5);
+    for (x, is_right) in [(half, true), (-half, false)] {
+        let side = [(0.0, 0.0), (0.0, back), (wall, back), (wall, 0.0)];
+        g.mapped_quad(facing(is_right, side.map(|(y, z)| vec3(x, y, z))), 0.5);
+    }
     let steps = segments(12, detail);
     let round = |u: f32| wall + crown * ops::sin(PI * u);
     g.surface(steps, 1, Vec2::ONE, |u, v| {

@@ -1,21 +1,7 @@
 //! Shapes that several parts of the street are made of.
 
-use crate::{geometry::Geometry, random::Random};
-use bevy::math::{Vec2, Vec3, ops, vec2, vec3};
+use crate::prelude::*;
 use std::f32::consts::{FRAC_PI_2, TAU};
-
-/// A hole in a wall, in the wall's own x and y.
-#[derive(Clone, Copy)]
-pub struct Opening {
-    /// Left edge.
-    pub left: f32,
-    /// Right edge.
-    pub right: f32,
-    /// Lower edge.
-    pub bottom: f32,
-    /// Upper edge.
-    pub top: f32,
-}
 
 /// One of the items.
 pub fn pick<'a, T>(items: &'a [T], random: &mut Random) -> &'a T {
@@ -46,15 +32,8 @@ pub fn curve(points: &[Vec3], steps: u32) -> Vec<Vec3> {
     let mut line = Vec::new();
     for i in 0..last {
         let at = |offset: isize| points[i.saturating_add_signed(offset).min(last)];
-        let (a, b, c, d) = (at(-1), at(0), at(1), at(2));
-        for k in 0..steps {
-            let s = k as f32 / steps as f32;
-            let (square, cube) = (
-                (2.0 * a - 5.0 * b + 4.0 * c - d) * s * s,
-                (3.0 * b - a - 3.0 * c + d) * s * s * s,
-            );
-            line.push(0.5 * (2.0 * b + (c - a) * s + square + cube));
-        }
+        let points = [at(-1), at(0), at(1), at(2)];
+        line.extend((0..steps).map(|k| catmull_rom(points, k as f32 / steps as f32)));
     }
     line.extend(points.last());
     line
@@ -83,57 +62,23 @@ pub fn moulding(g: &mut Geometry, length: f32, profile: &[(f32, f32)]) {
 
 /// A rectangle in the plane `z` that faces +z: from (left, bottom) to (right, top).
 pub fn front(g: &mut Geometry, [left, bottom]: [f32; 2], [right, top]: [f32; 2], z: f32, uv_size: Vec2) {
-    let corner = |x: f32, y: f32| vec3(x, y, z);
-    g.quad(
-        [
-            corner(left, bottom),
-            corner(right, bottom),
-            corner(right, top),
-            corner(left, top),
-        ],
-        uv_size,
-    );
+    g.quad(upright_corners(vec2(left, bottom), vec2(right, top), z), uv_size);
 }
 
-/// A piece of wall in the plane z = 0, from (left, low) to (right, high), with an opening. The sides of the opening go `depth` into the
-/// wall.
-pub fn pierced(
-    g: &mut Geometry,
-    [left, low]: [f32; 2],
-    [right, high]: [f32; 2],
-    opening: Opening,
-    depth: f32,
-    uv_scale: f32,
-) {
-    let p = |x: f32, y: f32, z: f32| vec3(x, y, z);
-    let Opening {
-        left: l,
-        right: r,
-        bottom: b,
-        top: t,
-    } = opening;
-    for [x0, x1, y0, y1] in [
-        [left, l, low, high],
-        [r, right, low, high],
-        [l, r, low, b],
-        [l, r, t, high],
+/// A piece of wall in the plane z = 0 with an opening. The sides of the opening go `depth` into the wall.
+pub fn pierced(g: &mut Geometry, wall: Rect, opening: Rect, depth: f32, uv_scale: f32) {
+    let (Vec2 { x: l, y: b }, Vec2 { x: r, y: t }) = (opening.min, opening.max);
+    for (low, high) in [
+        (wall.min, vec2(l, wall.max.y)),
+        (vec2(r, wall.min.y), wall.max),
+        (vec2(l, wall.min.y), vec2(r, b)),
+        (vec2(l, t), vec2(r, wall.max.y)),
     ] {
-        if x1 - x0 > 1e-3 && y1 - y0 > 1e-3 {
-            g.mapped_quad(
-                [p(x0, y0, 0.0), p(x1, y0, 0.0), p(x1, y1, 0.0), p(x0, y1, 0.0)],
-                uv_scale,
-            );
+        if (high - low).min_element() > 1e-3 {
+            g.mapped_quad(upright_corners(low, high, 0.0), uv_scale);
         }
     }
-    let back = -depth;
-    for corners in [
-        [p(l, b, 0.0), p(l, b, back), p(l, t, back), p(l, t, 0.0)],
-        [p(r, b, back), p(r, b, 0.0), p(r, t, 0.0), p(r, t, back)],
-        [p(l, b, 0.0), p(r, b, 0.0), p(r, b, back), p(l, b, back)],
-        [p(l, t, back), p(r, t, back), p(r, t, 0.0), p(l, t, 0.0)],
-    ] {
-        g.mapped_quad(corners, uv_scale);
-    }
+    g.reveal(opening, 0.0, -depth, uv_scale);
 }
 
 /// A rounded body between an ellipsoid and a box, or a part of one: `around` are angles about the x axis from +y towards +z, `along` angles

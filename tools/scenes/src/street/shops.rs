@@ -5,18 +5,9 @@ use super::{
     facades::Front,
     materials::Materials,
     plan::*,
-    segments,
     shapes::{block, front, pick, rod},
 };
-use crate::{
-    builder::SceneBuilder,
-    geometry::{Geometry, turned},
-    random::Random,
-};
-use bevy::{
-    math::{Vec2, Vec3, ops, vec2, vec3},
-    transform::components::Transform,
-};
+use crate::prelude::*;
 use std::f32::consts::PI;
 
 /// Width that an awning is made for.
@@ -120,13 +111,8 @@ fn shop(g: &mut Geometry, entrance: bool, edges: u32) {
 /// The panes of one bay. Every pane shows its part of one image.
 fn panes(g: &mut Geometry, entrance: bool) {
     let mut pane = |left: f32, right: f32, low: f32, high: f32| {
-        front(
-            g,
-            [left, low],
-            [right, high],
-            -0.135,
-            vec2((right - left) / 1.86, (high - low) / 1.8),
-        );
+        let share = vec2((right - left) / 1.86, (high - low) / 1.8);
+        front(g, [left, low], [right, high], -0.135, share);
     };
     pane(-0.94, 0.94, 2.39, 2.96);
     if entrance {
@@ -141,15 +127,11 @@ fn panes(g: &mut Geometry, entrance: bool) {
 /// Cloth that slopes to a bar before the shop, with a scalloped valance; seen from both sides.
 fn awning(g: &mut Geometry, detail: f32) {
     let (width, reach) = (AWNING, 1.36);
-    g.surface(
-        segments(12, detail),
-        segments(6, detail),
-        vec2(0.84 * width, 1.2),
-        |u, v| {
-            let slack = 0.04 * ops::sin(PI * v) * (0.6 + 0.4 * ops::sin(PI * u));
-            vec3((u - 0.5) * width, 2.63 + 0.62 * v - slack, 1.48 - reach * v)
-        },
-    );
+    let uv_scale = vec2(0.84 * width, 1.2);
+    g.surface(segments(12, detail), segments(6, detail), uv_scale, |u, v| {
+        let slack = 0.04 * ops::sin(PI * v) * (0.6 + 0.4 * ops::sin(PI * u));
+        vec3((u - 0.5) * width, 2.63 + 0.62 * v - slack, 1.48 - reach * v)
+    });
     g.surface(segments(40, detail), 2, vec2(0.84 * width, 0.2), |u, v| {
         let hem = 0.15 + 0.06 * ops::sin(5.0 * PI * u).abs();
         let sway = 0.012 * ops::sin(9.0 * u + 2.0) * (1.0 - v);

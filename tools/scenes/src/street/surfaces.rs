@@ -1,11 +1,6 @@
 //! Procedural surfaces of the street. Each is a function of the unit square (`v` down); all of them tile except for the images.
 
-use crate::{
-    patterns::{edge, mix},
-    random::{fractal, hash, smooth},
-    texture::Texel,
-};
-use bevy::math::{Vec2, Vec3, ops, vec2, vec3};
+use crate::{patterns::running_bond, prelude::*};
 use std::f32::consts::{PI, TAU};
 
 /// Asphalt after rain, eight metres across: puddles like mirrors, damp around them, and coarse where it has dried.
@@ -33,11 +28,7 @@ pub fn asphalt(uv: Vec2) -> Texel {
 
 /// Granite setts in running bond, four metres across: shiny heads, wet joints and a few puddles.
 pub fn setts(uv: Vec2) -> Texel {
-    let rows = 32.0;
-    let row = (uv.y * rows).floor();
-    let shift = if row as i32 % 2 == 0 { 0.0 } else { 0.5 };
-    let grid = vec2(uv.x * rows + shift, uv.y * rows);
-    let (x, y) = ((grid.x.floor() as i32).rem_euclid(32), row as i32);
+    let (grid, x, y) = running_bond(uv, 32, 32.0);
     let grain = fractal(uv, 60, 3, 311);
     let e = edge(grid).min_element() + 0.10 * (grain - 0.5);
     let head = smooth(0.05, 0.17, e);
@@ -57,10 +48,7 @@ pub fn setts(uv: Vec2) -> Texel {
 
 /// Paving slabs, four metres across, damp with a sheen that differs from slab to slab.
 pub fn slabs(uv: Vec2) -> Texel {
-    let row = (uv.y * 8.0).floor();
-    let shift = if row as i32 % 2 == 0 { 0.0 } else { 0.5 };
-    let grid = vec2(uv.x * 4.0 + shift, uv.y * 8.0);
-    let (x, y) = ((grid.x.floor() as i32).rem_euclid(4), row as i32);
+    let (grid, x, y) = running_bond(uv, 4, 8.0);
     let e = (edge(grid) / vec2(4.0, 8.0)).min_element();
     let body = smooth(0.0012, 0.0035, e);
     let grain = fractal(uv, 90, 3, 321);

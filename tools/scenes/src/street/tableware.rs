@@ -1,17 +1,10 @@
 //! Tables and chairs of the café, and the objects on the tables.
 
 use super::{
-    bevel, segments,
+    bevel,
     shapes::{bent, block, rod, turned_shape},
 };
-use crate::{
-    builder::{SceneBuilder, SceneMesh},
-    geometry::{Geometry, turned},
-};
-use bevy::{
-    math::{Quat, Vec3, ops, vec2, vec3},
-    transform::components::Transform,
-};
+use crate::prelude::*;
 use std::f32::consts::TAU;
 
 /// Height of the tables.
@@ -59,18 +52,13 @@ impl Setting {
                 turned_shape(g, small, &profile);
                 for i in 0..3 {
                     g.part(Transform::from_rotation(turned(120.0 * i as f32)), |part| {
-                        bent(
-                            part,
-                            7,
-                            0.012,
-                            4,
-                            &[
-                                [0.02, 0.30, 0.0],
-                                [0.12, 0.18, 0.0],
-                                [0.2, 0.05, 0.0],
-                                [0.27, 0.012, 0.0],
-                            ],
-                        );
+                        let leg = [
+                            [0.02, 0.30, 0.0],
+                            [0.12, 0.18, 0.0],
+                            [0.2, 0.05, 0.0],
+                            [0.27, 0.012, 0.0],
+                        ];
+                        bent(part, 7, 0.012, 4, &leg);
                     });
                 }
             }),
@@ -89,10 +77,9 @@ impl Setting {
                 turned_shape(g, round, &profile);
             }),
             rim: scene.shape(|g| {
-                g.part(
-                    Transform::from_xyz(0.0, TABLE - 0.013, 0.0).with_rotation(Quat::from_rotation_x(0.25 * TAU)),
-                    |part| part.torus(0.322, 0.007, round, 8),
-                );
+                let level = Quat::from_rotation_x(0.25 * TAU);
+                let place = Transform::from_xyz(0.0, TABLE - 0.013, 0.0).with_rotation(level);
+                g.part(place, |part| part.torus(0.322, 0.007, round, 8));
             }),
             glasses: scene.shape(|g| glasses(g, small)),
             plates: scene.shape(|g| plates(g, round)),
@@ -187,18 +174,13 @@ fn plates(g: &mut Geometry, segments: u32) {
         (0.0, 0.02),
     ];
     turned_shape(&mut cup, segments, &profile);
-    bent(
-        &mut cup,
-        6,
-        0.004,
-        4,
-        &[
-            [0.037, 0.060, 0.0],
-            [0.058, 0.056, 0.0],
-            [0.056, 0.034, 0.0],
-            [0.031, 0.030, 0.0],
-        ],
-    );
+    let handle = [
+        [0.037, 0.060, 0.0],
+        [0.058, 0.056, 0.0],
+        [0.056, 0.034, 0.0],
+        [0.031, 0.030, 0.0],
+    ];
+    bent(&mut cup, 6, 0.004, 4, &handle);
     for z in [0.19, -0.19] {
         g.append(&plate, Transform::from_xyz(0.0, TABLE, z));
     }
@@ -280,19 +262,16 @@ fn chair(g: &mut Geometry, sides: u32) {
 fn weave(g: &mut Geometry, detail: f32) {
     let round = segments(24, detail);
     g.part(Transform::from_scale(vec3(1.0, 1.0, 0.94)), |part| {
-        turned_shape(
-            part,
-            round,
-            &[
-                (0.0, 0.435),
-                (0.185, 0.435),
-                (0.205, 0.445),
-                (0.21, 0.456),
-                (0.2, 0.467),
-                (0.15, 0.468),
-                (0.0, 0.455),
-            ],
-        );
+        let seat = [
+            (0.0, 0.435),
+            (0.185, 0.435),
+            (0.205, 0.445),
+            (0.21, 0.456),
+            (0.2, 0.467),
+            (0.15, 0.468),
+            (0.0, 0.455),
+        ];
+        turned_shape(part, round, &seat);
     });
     for side in [1.0, -1.0] {
         // Two thin shells, back to back.

@@ -4,17 +4,9 @@ use super::{
     bevel,
     materials::Materials,
     plan::*,
-    segments,
     shapes::{Body, bent, block, curve, rod, turned_shape},
 };
-use crate::{
-    builder::SceneBuilder,
-    geometry::{Geometry, turned},
-};
-use bevy::{
-    math::{Quat, Vec2, Vec3, ops, vec3},
-    transform::components::Transform,
-};
+use crate::prelude::*;
 use std::f32::consts::{FRAC_PI_2, PI};
 
 /// Parked cars: x, z, direction in degrees, and paint.
@@ -121,13 +113,9 @@ fn bumpers(g: &mut Geometry, detail: f32) {
         }
     }
     for side in [-1.0, 1.0] {
-        let mut ring = Geometry::default();
-        ring.torus(0.105, 0.014, fine(28), 8);
         let forward = Quat::from_rotation_y(FRAC_PI_2);
-        g.append(
-            &ring,
-            Transform::from_xyz(1.545, 0.66, side * 0.52).with_rotation(forward),
-        );
+        let ring = Transform::from_xyz(1.545, 0.66, side * 0.52).with_rotation(forward);
+        g.part(ring, |part| part.torus(0.105, 0.014, fine(28), 8));
         block(g, edges, [-0.12, 0.70, side * 0.735], [0.16, 0.022, 0.03]);
         rod(g, 6, 0.010, [1.2, 0.60, side * 0.735], [-1.2, 0.60, side * 0.735]);
     }
@@ -234,10 +222,8 @@ fn trim(g: &mut Geometry, detail: f32) {
         Body::new([0.52, 1.33, side * 0.32], [0.015, 0.05, 0.05], 0.2).add(g, fine(12), fine(8));
         rod(g, 6, 0.012, [0.02, 0.2, side * 0.05], [-0.08, 0.01, side * 0.19]);
     }
-    let mut ring = Geometry::default();
-    ring.torus(0.07, 0.010, fine(24), 8);
-    let forward = Quat::from_rotation_y(FRAC_PI_2);
-    g.append(&ring, Transform::from_xyz(0.685, 1.06, 0.0).with_rotation(forward));
+    let ring = Transform::from_xyz(0.685, 1.06, 0.0).with_rotation(Quat::from_rotation_y(FRAC_PI_2));
+    g.part(ring, |part| part.torus(0.07, 0.010, fine(24), 8));
     let path = [
         [-0.62, 0.70, -0.12],
         [-0.86, 0.72, -0.11],

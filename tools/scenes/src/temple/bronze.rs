@@ -1,15 +1,7 @@
 //! Bronze: the doors, the sun disc on its wall, and the seated figures.
 
-use super::{Materials, carving::*, plan::*, reliefs::Picture, segments};
-use crate::{
-    builder::SceneBuilder,
-    geometry::{Geometry, turned},
-    random::smooth,
-};
-use bevy::{
-    math::{Vec2, Vec3, ops, vec2, vec3},
-    transform::components::Transform,
-};
+use super::{Materials, carving::*, plan::*, reliefs::Picture};
+use crate::prelude::*;
 use std::f32::consts::{PI, TAU};
 
 /// Height of the sun disc's middle.
@@ -33,14 +25,9 @@ fn doors(scene: &mut SceneBuilder, m: &Materials, fine: f32) {
     });
     let back = turned(180.0);
     for x in [-1.0, 1.0] {
-        let place = vec3(1.065 * x, 0.02, HALF_LENGTH - 0.05);
-        scene.place(&leaf, &m.bronze, Transform::from_translation(place).with_rotation(back));
-        let place = vec3(0.17 * x, 3.1, HALF_LENGTH - 0.05);
-        scene.place(
-            &knocker,
-            &m.gilt,
-            Transform::from_translation(place).with_rotation(back),
-        );
+        let at = |x: f32, y: f32| Transform::from_xyz(x, y, HALF_LENGTH - 0.05).with_rotation(back);
+        scene.place(&leaf, &m.bronze, at(1.065 * x, 0.02));
+        scene.place(&knocker, &m.gilt, at(0.17 * x, 3.1));
     }
     let p = Vec2::new;
     let surround = scene.shape(|g| {
@@ -90,13 +77,9 @@ fn door_leaf(g: &mut Geometry, fine: f32) {
         p(0.11, 0.14),
         p(0.12, 0.09),
     ];
-    let mut border = Geometry::default();
-    frame(&mut border, half, &profile, 1.0);
-    let pictures = [Picture::Sun, Picture::Procession, Picture::Lotus, Picture::Waves].map(|picture| {
-        let mut panel = Geometry::default();
-        picture.carve(&mut panel, 2.0 * half, 0.115, segments(26, fine), segments(33, fine));
-        panel
-    });
+    let border = Geometry::of(|g| frame(g, half, &profile, 1.0));
+    let pictures = [Picture::Sun, Picture::Procession, Picture::Lotus, Picture::Waves]
+        .map(|picture| Geometry::of(|g| picture.carve(g, 2.0 * half, 0.115, segments(26, fine), segments(33, fine))));
     for row in 0..5usize {
         for (column, x) in [-0.5, 0.5].into_iter().enumerate() {
             let place = Transform::from_xyz(x, 0.66 + 1.22 * row as f32, 0.0);
@@ -104,8 +87,7 @@ fn door_leaf(g: &mut Geometry, fine: f32) {
             g.append(&pictures[[1, 0, 2, 3][(row + 2 * column) % 4]], place);
         }
     }
-    let mut stud = Geometry::default();
-    stud.sphere(Vec3::ZERO, 0.035, segments(12, fine), Vec2::ONE);
+    let stud = Geometry::of(|g| g.sphere(Vec3::ZERO, 0.035, segments(12, fine), Vec2::ONE));
     for row in 0..6u32 {
         for x in [-0.99, 0.0, 0.99] {
             let y = 0.06 + 1.216 * row as f32;
@@ -151,10 +133,10 @@ fn sun_disc(scene: &mut SceneBuilder, m: &Materials, fine: f32) {
         g.part(Transform::from_xyz(0.0, 0.0, 0.28), |part| {
             part.torus(DISC, 0.07, segments(128, fine), segments(12, fine));
         });
-        let mut edge = Geometry::default();
         let profile = [p(DISC - 0.05, 0.0), p(DISC - 0.05, 0.28)];
-        edge.lathe(&profile, segments(96, fine), p(8.0, 1.0));
-        g.append(&edge, Transform::from_rotation(facing_down()));
+        g.part(Transform::from_rotation(facing_down()), |part| {
+            part.lathe(&profile, segments(96, fine), p(8.0, 1.0));
+        });
         for i in 0..32 {
             let angle = i as f32 / 32.0 * TAU;
             let (out, across) = (
@@ -217,7 +199,6 @@ fn figure(g: &mut Geometry, fine: f32) {
             0.37 + 0.20 * flare * ops::cos(angle),
         )
     });
-    let mut torso = Geometry::default();
     let profile = [
         p(0.34, 0.80),
         p(0.31, 1.0),
@@ -229,26 +210,14 @@ fn figure(g: &mut Geometry, fine: f32) {
         p(0.13, 1.72),
         p(0.0, 1.75),
     ];
-    torso.lathe(&profile, segments(48, fine), p(2.0, 1.0));
-    g.append(
-        &torso,
-        Transform::from_xyz(0.0, 0.0, -0.08).with_scale(vec3(1.0, 1.0, 0.64)),
-    );
-    let mut collar = Geometry::default();
-    for (height, radius) in [(1.60, 0.30), (1.65, 0.24), (1.70, 0.17)] {
-        ring(
-            &mut collar,
-            height,
-            radius,
-            0.035,
-            segments(40, fine),
-            segments(6, fine),
-        );
-    }
-    g.append(
-        &collar,
-        Transform::from_xyz(0.0, 0.0, -0.07).with_scale(vec3(1.0, 1.0, 0.68)),
-    );
+    let flat = Transform::from_xyz(0.0, 0.0, -0.08).with_scale(vec3(1.0, 1.0, 0.64));
+    g.part(flat, |part| part.lathe(&profile, segments(48, fine), p(2.0, 1.0)));
+    let collar = Transform::from_xyz(0.0, 0.0, -0.07).with_scale(vec3(1.0, 1.0, 0.68));
+    g.part(collar, |part| {
+        for (height, radius) in [(1.60, 0.30), (1.65, 0.24), (1.70, 0.17)] {
+            ring(part, height, radius, 0.035, segments(40, fine), segments(6, fine));
+        }
+    });
     let sides = segments(16, fine);
     limb(g, vec3(0.0, 1.68, -0.07), vec3(0.0, 1.95, -0.06), (0.10, 0.09), sides);
     for x in [-1.0, 1.0] {
@@ -282,20 +251,15 @@ fn throne(g: &mut Geometry) {
 fn head(g: &mut Geometry, fine: f32) {
     let p = Vec2::new;
     let middle = vec3(0.0, 2.02, -0.05);
-    let mut skull = Geometry::default();
-    skull.sphere(Vec3::ZERO, 0.17, segments(32, fine), Vec2::ONE);
-    let oval = vec3(0.88, 1.12, 0.98);
-    g.append(&skull, Transform::from_translation(middle).with_scale(oval));
+    let skull = Transform::from_translation(middle).with_scale(vec3(0.88, 1.12, 0.98));
+    g.part(skull, |part| {
+        part.sphere(Vec3::ZERO, 0.17, segments(32, fine), Vec2::ONE);
+    });
     let sides = segments(16, fine);
     let face = |x: f32, y: f32, z: f32| middle + vec3(x, y, z);
     limb(g, face(0.0, 0.04, 0.15), face(0.0, -0.03, 0.178), (0.018, 0.026), sides);
-    limb(
-        g,
-        face(-0.07, 0.06, 0.145),
-        face(0.07, 0.06, 0.145),
-        (0.022, 0.022),
-        sides,
-    );
+    let brows = [-0.07, 0.07].map(|x| face(x, 0.06, 0.145));
+    limb(g, brows[0], brows[1], (0.022, 0.022), sides);
     limb(g, face(0.0, -0.12, 0.11), face(0.0, -0.30, 0.15), (0.075, 0.03), sides);
     let crown = [
         p(0.165, 0.09),
@@ -309,10 +273,10 @@ fn head(g: &mut Geometry, fine: f32) {
         p(0.045, 0.48),
         p(0.0, 0.52),
     ];
-    let mut tiara = Geometry::default();
-    tiara.lathe(&crown, segments(36, fine), p(2.0, 1.0));
-    beads(&mut tiara, 0.125, 0.185, 0.025, 16, fine);
-    g.append(&tiara, Transform::from_translation(middle));
+    g.part(Transform::from_translation(middle), |part| {
+        part.lathe(&crown, segments(36, fine), p(2.0, 1.0));
+        beads(part, 0.125, 0.185, 0.025, 16, fine);
+    });
     let mut halo = Geometry::default();
     halo.torus(0.40, 0.03, segments(40, fine), segments(8, fine));
     for i in 0..16 {

@@ -1,11 +1,6 @@
 //! Carved and cast ornament: mouldings, leaves, rosettes, palmettes and scrolls.
 
-use super::segments;
-use crate::geometry::Geometry;
-use bevy::{
-    math::{Quat, Vec2, Vec3, ops, vec2, vec3},
-    transform::components::Transform,
-};
+use crate::prelude::*;
 use std::f32::consts::{FRAC_PI_2, PI, TAU};
 
 /// Turns an object that faces +z upwards.
@@ -164,25 +159,16 @@ pub fn palmette(g: &mut Geometry, height: f32, fine: f32) {
         let center = vec3(0.34 * x * height, 0.14 * height, 0.04 * height);
         scroll(g, center, 0.13 * height, 0.5 * PI, turns, 0.025 * height, fine);
     }
-    g.sphere(
-        vec3(0.0, 0.05 * height, 0.04 * height),
-        0.09 * height,
-        segments(10, fine),
-        Vec2::ONE,
-    );
+    let heart = vec3(0.0, 0.05 * height, 0.04 * height);
+    g.sphere(heart, 0.09 * height, segments(10, fine), Vec2::ONE);
 }
 
 /// A spiral in the xy plane that starts at an angle and winds inwards around a boss; positive turns go counter-clockwise.
 pub fn scroll(g: &mut Geometry, center: Vec3, radius: f32, start: f32, turns: f32, thickness: f32, fine: f32) {
-    let steps = segments(16, fine);
-    let path: Vec<Vec3> = (0..=steps)
-        .map(|i| {
-            let t = i as f32 / steps as f32;
-            let (angle, r) = (start + turns * TAU * t, radius * (1.0 - 0.75 * t));
-            center + vec3(r * ops::cos(angle), r * ops::sin(angle), 0.0)
-        })
-        .collect();
-    g.tube(&path, thickness, segments(5, fine));
+    g.curved_tube(segments(16, fine), thickness, segments(5, fine), |t| {
+        let (angle, r) = (start + turns * TAU * t, radius * (1.0 - 0.75 * t));
+        center + vec3(r * ops::cos(angle), r * ops::sin(angle), 0.0)
+    });
     g.sphere(center, 0.3 * radius, segments(8, fine), Vec2::ONE);
 }
 
@@ -193,30 +179,25 @@ pub fn limb(g: &mut Geometry, from: Vec3, to: Vec3, radii: (f32, f32), sides: u3
     for (radius, height, start) in [(radii.0, 0.0, -1.0), (radii.1, from.distance(to), 0.0)] {
         for i in 0..=steps {
             let angle = FRAC_PI_2 * (start + i as f32 / steps as f32);
-            profile.push(vec2(
-                radius * ops::cos(angle).max(0.0),
-                height + radius * ops::sin(angle),
-            ));
+            let (out, up) = (ops::cos(angle).max(0.0), ops::sin(angle));
+            profile.push(vec2(radius * out, height + radius * up));
         }
     }
-    let mut rod = Geometry::default();
-    rod.lathe(&profile, sides, vec2(TAU * radii.0, 1.0));
     let turn = Quat::from_rotation_arc(Vec3::Y, (to - from).normalize_or(Vec3::Y));
-    g.append(&rod, Transform::from_translation(from).with_rotation(turn));
+    g.part(Transform::from_translation(from).with_rotation(turn), |part| {
+        part.lathe(&profile, sides, vec2(TAU * radii.0, 1.0));
+    });
 }
 
 /// A horizontal ring.
 pub fn ring(g: &mut Geometry, height: f32, radius: f32, tube: f32, around: u32, sides: u32) {
-    g.part(
-        Transform::from_xyz(0.0, height, 0.0).with_rotation(facing_up()),
-        |part| part.torus(radius, tube, around, sides),
-    );
+    let level = Transform::from_xyz(0.0, height, 0.0).with_rotation(facing_up());
+    g.part(level, |part| part.torus(radius, tube, around, sides));
 }
 
 /// A horizontal string of beads.
 pub fn beads(g: &mut Geometry, height: f32, radius: f32, bead: f32, count: u32, fine: f32) {
-    let mut one = Geometry::default();
-    one.sphere(Vec3::ZERO, bead, segments(8, fine), Vec2::ONE);
+    let one = Geometry::of(|g| g.sphere(Vec3::ZERO, bead, segments(8, fine), Vec2::ONE));
     for i in 0..count {
         let angle = i as f32 / count as f32 * TAU;
         let place = Transform::from_xyz(radius * ops::sin(angle), height, radius * ops::cos(angle));

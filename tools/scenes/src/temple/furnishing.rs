@@ -1,17 +1,7 @@
 //! Braziers, hanging lamps, incense and banners, with the light of the flames.
 
-use super::{Materials, carving::*, plan::*, segments};
-use crate::{
-    builder::{SceneBuilder, SceneMesh},
-    geometry::{Geometry, turned},
-    random::Random,
-};
-use bevy::{
-    color::Color,
-    light::{PointLight, SpotLight},
-    math::{Quat, Vec2, Vec3, ops, vec2, vec3},
-    transform::components::Transform,
-};
+use super::{Materials, carving::*, plan::*};
+use crate::prelude::*;
 use std::f32::consts::TAU;
 
 const FIRELIGHT: Color = Color::srgb(1.0, 0.64, 0.32);
@@ -55,8 +45,7 @@ fn embers(g: &mut Geometry, fine: f32) {
         let height = 0.10 * (1.0 - (1.0 - v) * (1.0 - v)) + lumps;
         vec3(r * ops::sin(angle), height, r * ops::cos(angle))
     });
-    let mut coal = Geometry::default();
-    coal.sphere(Vec3::ZERO, 0.055, segments(6, fine), Vec2::ONE);
+    let coal = Geometry::of(|g| g.sphere(Vec3::ZERO, 0.055, segments(6, fine), Vec2::ONE));
     let mut random = Random::new(23);
     for _ in 0..26 {
         let (angle, reach) = (random.range(0.0, TAU), random.range(0.0, 1.0).sqrt() * 0.34);
@@ -93,38 +82,25 @@ fn brazier(g: &mut Geometry, fine: f32) {
     beads(g, 0.945, 0.435, 0.026, 32, fine);
     ring(g, 1.015, 0.48, 0.022, segments(56, fine), segments(8, fine));
     ring(g, 0.46, 0.19, 0.018, segments(36, fine), segments(8, fine));
-    let steps = segments(16, fine);
     for i in 0..3 {
         let angle = i as f32 / 3.0 * TAU;
         let out = vec3(ops::sin(angle), 0.0, ops::cos(angle));
-        let leg: Vec<Vec3> = (0..=steps)
-            .map(|k| {
-                let t = k as f32 / steps as f32;
-                out * (0.28 + 0.11 * ops::cos(t * TAU)) + Vec3::Y * (0.05 + 0.86 * t)
-            })
-            .collect();
-        g.tube(&leg, 0.026, segments(10, fine));
-        limb(
-            g,
-            out * 0.36 + Vec3::Y * 0.045,
-            out * 0.45 + Vec3::Y * 0.035,
-            (0.055, 0.04),
-            segments(16, fine),
-        );
+        g.curved_tube(segments(16, fine), 0.026, segments(10, fine), |t| {
+            out * (0.28 + 0.11 * ops::cos(t * TAU)) + Vec3::Y * (0.05 + 0.86 * t)
+        });
+        let [heel, toe] = [(0.36, 0.045), (0.45, 0.035)].map(|(reach, height)| out * reach + Vec3::Y * height);
+        limb(g, heel, toe, (0.055, 0.04), segments(16, fine));
         // A palmette above each leg, and handles between them.
-        let mut ornament = Geometry::default();
-        palmette(&mut ornament, 0.2, 0.6 * fine);
-        let turn = Quat::from_rotation_y(angle);
-        g.append(
-            &ornament,
-            Transform::from_translation(out * 0.40 + Vec3::Y * 0.80).with_rotation(turn),
-        );
-        let mut handle = Geometry::default();
-        handle.torus(0.09, 0.014, segments(18, fine), segments(6, fine));
-        let turn = Quat::from_rotation_y(angle + 0.5 * TAU);
-        g.append(
-            &handle,
-            Transform::from_translation(out * -0.435 + Vec3::Y * 0.87).with_rotation(turn),
+        let above = Transform::from_translation(out * 0.40 + Vec3::Y * 0.80);
+        g.part(above.with_rotation(Quat::from_rotation_y(angle)), |part| {
+            palmette(part, 0.2, 0.6 * fine);
+        });
+        let between = Transform::from_translation(out * -0.435 + Vec3::Y * 0.87);
+        g.part(
+            between.with_rotation(Quat::from_rotation_y(angle + 0.5 * TAU)),
+            |part| {
+                part.torus(0.09, 0.014, segments(18, fine), segments(6, fine));
+            },
         );
     }
 }
@@ -133,13 +109,9 @@ fn braziers(scene: &mut SceneBuilder, m: &Materials, mound: &SceneMesh, fine: f3
     let brazier = scene.shape(|g| brazier(g, fine));
     for (i, place) in BRAZIERS.into_iter().enumerate() {
         let turn = turned(31.0 * i as f32);
-        scene.place(
-            &brazier,
-            &m.bronze,
-            Transform::from_translation(place).with_rotation(turn),
-        );
-        let coals = Transform::from_translation(place + Vec3::Y * 0.93).with_rotation(turn);
-        scene.place_unshadowed(mound, &m.ember, coals);
+        let at = |place: Vec3| Transform::from_translation(place).with_rotation(turn);
+        scene.place(&brazier, &m.bronze, at(place));
+        scene.place_unshadowed(mound, &m.ember, at(place + Vec3::Y * 0.93));
         // Only the brazier on the dais casts shadows: of the figures beside it.
         let on_dais = place.y > 0.0;
         scene.add((
@@ -221,8 +193,7 @@ fn lamp(g: &mut Geometry, fine: f32) {
     ring(g, 0.0, 0.275, 0.016, segments(36, fine), segments(8, fine));
     ring(g, 1.0, 0.05, 0.012, segments(16, fine), segments(6, fine));
     g.sphere(Vec3::Y, 0.035, segments(12, fine), Vec2::ONE);
-    let mut link = Geometry::default();
-    link.torus(0.05, 0.009, segments(10, fine), segments(5, fine));
+    let link = Geometry::of(|g| g.torus(0.05, 0.009, segments(10, fine), segments(5, fine)));
     for i in 0..3 {
         let angle = i as f32 / 3.0 * TAU;
         let out = vec3(ops::sin(angle), 0.0, ops::cos(angle));

@@ -1,16 +1,7 @@
 //! The building: floor, walls, roof with its oculus, basin, dais and the terrace outside.
 
-use super::{Materials, carving::*, plan::*, segments};
-use crate::{
-    builder::SceneBuilder,
-    geometry::{Geometry, turned},
-    props,
-    random::Random,
-};
-use bevy::{
-    math::{Vec2, Vec3, ops, vec2, vec3},
-    transform::components::Transform,
-};
+use super::{Materials, carving::*, plan::*};
+use crate::prelude::*;
 use std::f32::consts::{PI, TAU};
 
 /// Radius of the oculus.
@@ -39,14 +30,7 @@ fn floor(scene: &mut SceneBuilder, m: &Materials) {
         for (i, (left, right)) in columns.into_iter().enumerate() {
             for (j, (back, front)) in rows.into_iter().enumerate() {
                 if (i, j) != (1, 1) {
-                    let corner = |x: f32, z: f32| vec3(x, 0.0, z);
-                    let corners = [
-                        corner(left, front),
-                        corner(right, front),
-                        corner(right, back),
-                        corner(left, back),
-                    ];
-                    g.mapped_quad(corners, 0.25);
+                    g.mapped_quad(level_corners(vec2(left, back), vec2(right, front), 0.0), 0.25);
                 }
             }
         }
@@ -79,12 +63,8 @@ fn walls(scene: &mut SceneBuilder, m: &Materials) {
     });
     scene.place(&upper, &m.smooth, Transform::IDENTITY);
     let dado = scene.shape(|g| {
-        block(
-            g,
-            vec3(-x - 0.1, -0.05, -z - 0.05),
-            vec3(-x + 0.06, 1.05, z + 0.05),
-            0.5,
-        );
+        let low = vec3(-x - 0.1, -0.05, -z - 0.05);
+        block(g, low, vec3(-x + 0.06, 1.05, z + 0.05), 0.5);
         block(g, vec3(-x - 0.1, 1.03, -z - 0.05), vec3(-x + 0.10, 1.11, z + 0.05), 0.5);
         for end in [-1.0, 1.0] {
             let middle = vec3(0.0, 0.495, end * (z + 0.02));
@@ -114,13 +94,7 @@ fn colonnade(scene: &mut SceneBuilder, m: &Materials) {
 
     let (half, sill) = (HALF_OPENING, 4.8);
     let screen = scene.shape(|g| {
-        let corner = |x: f32, y: f32| vec3(x * half, y, 0.0);
-        let corners = [
-            corner(-1.0, sill),
-            corner(1.0, sill),
-            corner(1.0, OPENING),
-            corner(-1.0, OPENING),
-        ];
+        let corners = upright_corners(vec2(-half, sill), vec2(half, OPENING), 0.0);
         g.quad(corners, vec2(2.0, 1.0));
     });
     let rail = scene.shape(|g| {
@@ -216,18 +190,7 @@ fn basin(scene: &mut SceneBuilder, m: &Materials, fine: f32) {
         });
     });
     scene.place(&kerb, &m.dark, Transform::IDENTITY);
-    let water = scene.shape(|g| {
-        let corner = |x: f32, z: f32| vec3(x * (half.x + 0.02), 0.03, z * (half.y + 0.02));
-        g.mapped_quad(
-            [
-                corner(-1.0, 1.0),
-                corner(1.0, 1.0),
-                corner(1.0, -1.0),
-                corner(-1.0, -1.0),
-            ],
-            0.5,
-        );
-    });
+    let water = scene.shape(|g| g.mapped_quad(level_corners(-half - 0.02, half + 0.02, 0.03), 0.5));
     scene.place(&water, &m.water, Transform::IDENTITY);
     let stand = scene.shape(|g| props::pedestal(g, 0.9, 0.3, segments(40, fine)));
     scene.place(&stand, &m.dark, Transform::from_xyz(0.0, -0.25, 0.0));
@@ -291,16 +254,7 @@ fn tiers() -> impl Iterator<Item = (u32, f32, f32, f32)> {
 /// The view through the openings: paving, a garden wall and cypresses.
 fn terrace(scene: &mut SceneBuilder, m: &Materials, fine: f32) {
     let paving = scene.shape(|g| {
-        let corner = |x: f32, z: f32| vec3(x, -0.25, z);
-        g.mapped_quad(
-            [
-                corner(9.3, 50.0),
-                corner(60.0, 50.0),
-                corner(60.0, -50.0),
-                corner(9.3, -50.0),
-            ],
-            0.4,
-        );
+        g.mapped_quad(level_corners(vec2(9.3, -50.0), vec2(60.0, 50.0), -0.25), 0.4);
     });
     scene.place(&paving, &m.wall, Transform::IDENTITY);
     let wall = scene.shape(|g| {

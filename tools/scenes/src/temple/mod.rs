@@ -12,23 +12,7 @@ mod order;
 mod reliefs;
 mod surfaces;
 
-use crate::geometry::segments;
-use crate::{
-    builder::SceneBuilder,
-    camera_path::CameraPath,
-    environment::{Environment, SceneOptions},
-    materials::{both_sides, dielectric, gloss},
-    patterns,
-    sky::{Sky, sun_direction},
-};
-use bevy::{
-    asset::Handle,
-    color::{Color, LinearRgba},
-    ecs::{entity::Entity, world::World},
-    material::AlphaMode,
-    math::{Vec3, vec3},
-    pbr::StandardMaterial,
-};
+use crate::prelude::*;
 
 /// Measures of the building in metres.
 mod plan {

@@ -1,15 +1,7 @@
 //! Repeated parts: fluted columns with carved capitals, the frieze above them, coffers with rosettes, and the reliefs of the closed wall.
 
-use super::{Materials, carving::*, plan::*, reliefs::Picture, segments};
-use crate::{
-    builder::SceneBuilder,
-    geometry::{Geometry, turned},
-    random::smooth,
-};
-use bevy::{
-    math::{Vec2, Vec3, ops, vec2, vec3},
-    transform::components::Transform,
-};
+use super::{Materials, carving::*, plan::*, reliefs::Picture};
+use crate::prelude::*;
 use std::f32::consts::{PI, TAU};
 
 /// Radius of a shaft at its foot.
@@ -167,15 +159,11 @@ fn frieze(scene: &mut SceneBuilder, m: &Materials, fine: f32) {
             p(0.40, 2.01),
         ];
         moulding(g, BAY, &profile, 0.5);
-        let mut ornament = Geometry::default();
-        palmette(&mut ornament, 0.62, fine);
-        let mut egg = Geometry::default();
-        egg.sphere(Vec3::ZERO, 0.055, segments(8, fine), Vec2::ONE);
+        let ornament = Geometry::of(|g| palmette(g, 0.62, fine));
+        let egg = Geometry::of(|g| g.sphere(Vec3::ZERO, 0.055, segments(8, fine), Vec2::ONE));
         for i in 0..5 {
-            g.append(
-                &ornament,
-                Transform::from_xyz(0.8 * (i as f32 - 2.0), COLUMN + 0.76, 0.03),
-            );
+            let place = Transform::from_xyz(0.8 * (i as f32 - 2.0), COLUMN + 0.76, 0.03);
+            g.append(&ornament, place);
         }
         for i in 0..20 {
             let x = 0.2 * (i as f32 - 9.5);
@@ -214,10 +202,8 @@ fn coffers(scene: &mut SceneBuilder, m: &Materials, fine: f32) {
     ];
     let mut coffer = Geometry::default();
     frame(&mut coffer, half, &profile, 0.5);
-    let corners = [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)];
-    coffer.mapped_quad(corners.map(|(x, y)| vec3(x * half.x, y * half.y, -0.38)), 0.5);
-    let mut flower = Geometry::default();
-    rosette(&mut flower, 0.46, 8, fine);
+    coffer.mapped_quad(upright_corners(-half, half, -0.38), 0.5);
+    let flower = Geometry::of(|g| rosette(g, 0.46, 8, fine));
     let at = |x: f32, lift: f32| Transform::from_xyz(x, lift, 0.0).with_rotation(facing_down());
     let shift = 0.5 * COFFER;
     let stones = [
@@ -283,8 +269,7 @@ fn reliefs(scene: &mut SceneBuilder, m: &Materials, fine: f32) {
         moulding(g, 3.2, &profile, 0.5);
     });
     let flowers = scene.shape(|g| {
-        let mut flower = Geometry::default();
-        rosette(&mut flower, 0.27, 8, fine);
+        let flower = Geometry::of(|g| rosette(g, 0.27, 8, fine));
         for i in 0..5 {
             g.append(&flower, Transform::from_xyz(0.62 * (i as f32 - 2.0), 0.0, 0.025));
         }

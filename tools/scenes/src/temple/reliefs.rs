@@ -1,7 +1,6 @@
 //! Motifs carved and cast in relief, as heights over a plane.
 
-use crate::{geometry::Geometry, random::smooth};
-use bevy::math::{Vec2, ops, vec2};
+use crate::prelude::*;
 use std::f32::consts::PI;
 
 /// The subject of a relief. Each fits into 2.3 by 3 metres around the origin.

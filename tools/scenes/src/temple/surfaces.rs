@@ -1,10 +1,6 @@
 //! Marble, bronze, embers and woven sun emblems. Each is a function of the unit square (`v` down) that tiles.
 
-use crate::{
-    random::{fractal, hash, smooth, veins},
-    texture::Texel,
-};
-use bevy::math::{Vec2, Vec3, ops, vec2, vec3};
+use crate::prelude::*;
 use std::f32::consts::PI;
 
 /// A kind of marble.
@@ -18,48 +14,22 @@ struct Marble {
     polish: f32,
 }
 
-const BLACK: Marble = Marble {
-    seed: 301,
-    body: vec3(0.07, 0.07, 0.08),
-    vein: vec3(0.55, 0.52, 0.46),
-    strength: 0.5,
-    polish: 0.05,
-};
-const YELLOW: Marble = Marble {
-    seed: 302,
-    body: vec3(0.74, 0.57, 0.30),
-    vein: vec3(0.50, 0.30, 0.14),
-    strength: 0.5,
-    polish: 0.12,
-};
-const GREEN: Marble = Marble {
-    seed: 303,
-    body: vec3(0.11, 0.26, 0.20),
-    vein: vec3(0.52, 0.64, 0.54),
-    strength: 0.55,
-    polish: 0.07,
-};
-const RED: Marble = Marble {
-    seed: 304,
-    body: vec3(0.40, 0.13, 0.11),
-    vein: vec3(0.76, 0.56, 0.48),
-    strength: 0.5,
-    polish: 0.08,
-};
-const CREAM: Marble = Marble {
-    seed: 305,
-    body: vec3(0.82, 0.76, 0.66),
-    vein: vec3(0.52, 0.44, 0.36),
-    strength: 0.55,
-    polish: 0.14,
-};
-const GREY: Marble = Marble {
-    seed: 306,
-    body: vec3(0.52, 0.51, 0.50),
-    vein: vec3(0.82, 0.80, 0.77),
-    strength: 0.6,
-    polish: 0.20,
-};
+const fn marble(seed: u32, body: Vec3, vein: Vec3, strength: f32, polish: f32) -> Marble {
+    Marble {
+        seed,
+        body,
+        vein,
+        strength,
+        polish,
+    }
+}
+
+const BLACK: Marble = marble(301, vec3(0.07, 0.07, 0.08), vec3(0.55, 0.52, 0.46), 0.5, 0.05);
+const YELLOW: Marble = marble(302, vec3(0.74, 0.57, 0.30), vec3(0.50, 0.30, 0.14), 0.5, 0.12);
+const GREEN: Marble = marble(303, vec3(0.11, 0.26, 0.20), vec3(0.52, 0.64, 0.54), 0.55, 0.07);
+const RED: Marble = marble(304, vec3(0.40, 0.13, 0.11), vec3(0.76, 0.56, 0.48), 0.5, 0.08);
+const CREAM: Marble = marble(305, vec3(0.82, 0.76, 0.66), vec3(0.52, 0.44, 0.36), 0.55, 0.14);
+const GREY: Marble = marble(306, vec3(0.52, 0.51, 0.50), vec3(0.82, 0.80, 0.77), 0.6, 0.20);
 
 impl Marble {
     fn color(&self, uv: Vec2, cloud: f32) -> Vec3 {

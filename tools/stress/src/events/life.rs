@@ -1,19 +1,18 @@
 //! Assets, levels and crowds that come, change and go.
 
 use crate::{
-    generators::{EventKind, HostileScene},
+    generators::{EventKind, HostileScene, plain_image},
     harness::Harness,
 };
 use bevy::{
     asset::RenderAssetUsages,
     ecs::entity_disabling::Disabled,
-    image::ToExtents,
     mesh::{
         VertexAttributeValues,
         skinning::{SkinnedMesh, SkinnedMeshInverseBindposes},
     },
     prelude::*,
-    render::render_resource::{TextureDimension, TextureFormat},
+    render::render_resource::TextureFormat,
 };
 
 /// Objects of a level. Each has its own mesh, material and image.
@@ -84,19 +83,17 @@ fn reload_image(
 ) {
     let mut images = world.resource_mut::<Assets<Image>>();
     match image {
-        Some(image) => _ = images.insert(&image, plain_image(edge)),
+        Some(image) => _ = images.insert(&image, square_image(edge)),
         None => {
-            let image = images.add(plain_image(edge));
+            let image = images.add(square_image(edge));
             all.push(image.clone());
             set_texture(world, material, Some(image));
         }
     }
 }
 
-fn plain_image(edge: u32) -> Image {
-    let (format, usage) = (TextureFormat::Rgba8UnormSrgb, RenderAssetUsages::default());
-    let size = UVec2::splat(edge).to_extents();
-    Image::new_fill(size, TextureDimension::D2, &[200, 90, 30, 128], format, usage)
+fn square_image(edge: u32) -> Image {
+    plain_image(UVec2::splat(edge), &[200, 90, 30, 128], TextureFormat::Rgba8UnormSrgb)
 }
 
 fn set_texture(world: &mut World, material: Option<AssetId<StandardMaterial>>, image: Option<Handle<Image>>) {
@@ -116,7 +113,7 @@ pub(super) fn load_level(harness: &mut Harness, scene: &mut HostileScene) {
         let image = harness
             .world()
             .resource_mut::<Assets<Image>>()
-            .add(plain_image(1 + index));
+            .add(square_image(1 + index));
         let material = StandardMaterial {
             base_color_texture: Some(image),
             alpha_mode: AlphaMode::Mask(0.5),

@@ -69,9 +69,13 @@ impl Fault {
             features: default().features - features,
             ..default()
         };
-        let limited = |limits: WgpuLimits| WgpuSettings {
-            constrained_limits: Some(limits),
-            ..default()
+        let limited = |limit: fn(&mut WgpuLimits)| {
+            let mut limits = WgpuLimits::unlimited();
+            limit(&mut limits);
+            WgpuSettings {
+                constrained_limits: Some(limits),
+                ..default()
+            }
         };
         let device = match self {
             Self::NoTimestamps => without(
@@ -88,23 +92,11 @@ impl Fault {
                 limits: WgpuLimits::default(),
                 ..default()
             },
-            Self::FewStorageBuffers => limited(WgpuLimits {
-                max_storage_buffers_per_shader_stage: 7,
-                ..WgpuLimits::unlimited()
-            }),
+            Self::FewStorageBuffers => limited(|limits| limits.max_storage_buffers_per_shader_stage = 7),
             // Fewer than are allocated at first.
-            Self::FewInstances => limited(WgpuLimits {
-                max_tlas_instance_count: 16,
-                ..WgpuLimits::unlimited()
-            }),
-            Self::LargeMesh => limited(WgpuLimits {
-                max_blas_primitive_count: 512,
-                ..WgpuLimits::unlimited()
-            }),
-            Self::FullBuffers => limited(WgpuLimits {
-                max_storage_buffer_binding_size: 2 << 20,
-                ..WgpuLimits::unlimited()
-            }),
+            Self::FewInstances => limited(|limits| limits.max_tlas_instance_count = 16),
+            Self::LargeMesh => limited(|limits| limits.max_blas_primitive_count = 512),
+            Self::FullBuffers => limited(|limits| limits.max_storage_buffer_binding_size = 2 << 20),
             Self::DeviceLost | Self::BrokenPass | Self::BrokenHeuristic | Self::MissingHeuristic => default(),
         };
         let tracer = match self {

@@ -123,14 +123,7 @@ impl<'a> Builder<'a> {
 
     /// Adds an image of one layer with equal texels.
     pub fn plain_image(&mut self, size: UVec2, texel: &[u8], format: TextureFormat) -> Handle<Image> {
-        let usage = RenderAssetUsages::default();
-        self.image(Image::new_fill(
-            size.to_extents(),
-            TextureDimension::D2,
-            texel,
-            format,
-            usage,
-        ))
+        self.image(plain_image(size, texel, format))
     }
 
     /// Spawns a child of the root.
@@ -198,4 +191,10 @@ impl<'a> Builder<'a> {
         let ball = Sphere::new(0.3).mesh().uv(16, 12);
         self.object(ball, surface(1.0, 0.3), Transform::from_xyz(0.2, 0.3, 0.5));
     }
+}
+
+/// An image of one layer with equal texels.
+pub fn plain_image(size: UVec2, texel: &[u8], format: TextureFormat) -> Image {
+    let usage = RenderAssetUsages::default();
+    Image::new_fill(size.to_extents(), TextureDimension::D2, texel, format, usage)
 }

@@ -16,7 +16,7 @@ mod surroundings;
 mod textures;
 mod views;
 
-pub use builder::{Builder, HostileScene};
+pub use builder::{Builder, HostileScene, plain_image};
 pub use cameras::CameraSetup;
 pub use events::EventKind;
 pub use files::{FileKind, bytes as file_bytes};
