@@ -138,29 +138,15 @@ pub fn judge(compilers: &[Compiler], all: bool, accept: bool) -> Result<Vec<Stri
 fn compile(compiler: &Compiler, arguments: &[&str], known: PathBuf) -> Result<Vec<Outcome>> {
     let read = |argument: &&str| argument.split(':').map(fs::read).collect::<Result<Vec<_>, _>>();
     let shaders = arguments.iter().map(read).collect::<Result<Vec<_>, _>>()?;
-    let mut known = Known::open(known, compiler.version()?);
-    let mut outcomes: Vec<_> = shaders.iter().map(|shaders| known.get(shaders)).collect();
-    let is_new = |(outcome, argument): (&Option<_>, _)| outcome.is_none().then_some(argument);
-    let new: Vec<&str> = outcomes
-        .iter()
-        .zip(arguments.iter().copied())
-        .filter_map(is_new)
-        .collect();
-    let kept = arguments.len() - new.len();
-    progress::note(format_args!(
-        "{}: {kept} of {} pipelines are known from earlier runs",
-        compiler.gpu,
-        arguments.len()
-    ));
-    let mut compiled = compiler.compile(&new)?.into_iter();
-    for (outcome, shaders) in outcomes.iter_mut().zip(&shaders) {
-        if outcome.is_none() {
-            *outcome = compiled.next();
-            outcome.iter().for_each(|outcome| known.add(shaders, outcome));
-        }
-    }
-    known.save()?;
-    Ok(outcomes.into_iter().flatten().collect())
+    Known::open(known, compiler.version()?).complete(&shaders, |new| {
+        let (gpu, count) = (compiler.gpu, arguments.len());
+        let kept = count - new.len();
+        progress::note(format_args!(
+            "{gpu}: {kept} of {count} pipelines are known from earlier runs"
+        ));
+        let new: Vec<&str> = new.iter().map(|index| arguments[*index]).collect();
+        compiler.compile(&new)
+    })
 }
 
 fn is_preset(name: &str) -> bool {

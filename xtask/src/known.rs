@@ -32,8 +32,24 @@ impl Known {
         }
     }
 
+    /// The outcomes of all inputs: `judge` finds those of the inputs with these indices, which earlier runs didn't have.
+    pub fn complete(
+        mut self,
+        inputs: &[impl Hash],
+        judge: impl FnOnce(&[usize]) -> Result<Vec<Outcome>>,
+    ) -> Result<Vec<Outcome>> {
+        let mut outcomes: Vec<_> = inputs.iter().map(|input| self.get(input)).collect();
+        let new: Vec<usize> = (0..inputs.len()).filter(|index| outcomes[*index].is_none()).collect();
+        for (index, outcome) in new.iter().zip(judge(&new)?) {
+            self.add(&inputs[*index], &outcome);
+            outcomes[*index] = Some(outcome);
+        }
+        self.save()?;
+        Ok(outcomes.into_iter().flatten().collect())
+    }
+
     /// The outcome for an input.
-    pub fn get(&mut self, input: impl Hash) -> Option<Outcome> {
+    fn get(&mut self, input: impl Hash) -> Option<Outcome> {
         let key = hash((&self.version, hash(input)));
         let figures = self.before.get(&key)?;
         self.now.insert(key, figures.clone());
@@ -44,7 +60,7 @@ impl Known {
     }
 
     /// Keeps an outcome, if it is good.
-    pub fn add(&mut self, input: impl Hash, outcome: &Outcome) {
+    fn add(&mut self, input: impl Hash, outcome: &Outcome) {
         let Ok(figures) = outcome else { return };
         let figures: Vec<_> = figures.iter().map(|(name, value)| format!("{name}={value}")).collect();
         let key = hash((&self.version, hash(input)));
@@ -52,7 +68,7 @@ impl Known {
     }
 
     /// Writes the file.
-    pub fn save(self) -> Result<()> {
+    fn save(self) -> Result<()> {
         let lines = self.now.iter().map(|(key, figures)| format!("{key}\t{figures}\n"));
         // An interrupted run leaves the old file.
         let new = self.file.with_extension("new");

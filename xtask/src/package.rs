@@ -141,22 +141,6 @@ mod tests {
     }
 
     #[test]
-    fn every_path_of_the_readme_exists() {
-        let root = cargo::workspace_root();
-        let readme = fs::read_to_string(root.join("README.md")).unwrap();
-        let absolute = absolute_links(&readme, "https://h.org/o/r");
-        let mut count = 0;
-        for start in ["https://h.org/o/r/raw/HEAD/", "https://h.org/o/r/blob/HEAD/"] {
-            for part in absolute.split(start).skip(1) {
-                let path = part.split([')', '#']).next().unwrap();
-                assert!(root.join(path).exists(), "{path}");
-                count += 1;
-            }
-        }
-        assert!(count > 15, "only {count} paths were found");
-    }
-
-    #[test]
     fn the_address_is_filled_in_once() {
         let folder = tempfile::tempdir().unwrap();
         let file = |name: &str| folder.path().join(name);

@@ -1,6 +1,6 @@
 //! The command line, and the measurements that it requests on a machine.
 
-use crate::{crowds::Crowds, kernels, machine::Machine, subject::Subject};
+use crate::{kernels, machine::Machine, subject::Subject};
 use bevy::math::UVec2;
 use bevy_glint::{
     RayTracedReflections, ReflectionBackend, ReflectionTracerChoice, ShadingRateHeuristic, named_settings,
@@ -81,7 +81,7 @@ pub struct Arguments {
     pub crowds: bool,
     /// Characters of `--crowds`, of 20 thousand triangles each
     #[arg(long, value_name = "N", default_value_t = 50, requires = "crowds")]
-    characters: usize,
+    pub characters: usize,
     /// Measure only the growth of times with the resolution (of the first scene) and with triangles, and the cost of a small object:
     /// tables
     #[arg(long, group = "cases")]
@@ -142,35 +142,18 @@ impl Arguments {
         }
     }
 
-    /// How large crowds are.
-    pub fn crowds(&self, plan: &Plan) -> Crowds {
-        Crowds {
-            characters: self.characters,
-            size: plan.size,
-            frames: plan.frames,
-            only: self.only.clone(),
-        }
-    }
-
     /// Fills the gaps with defaults that suit the machine.
     pub fn plan(&self, machine: &Machine) -> Plan {
-        let (size, frames, techniques) = if machine.is_cpu {
+        let (size, frames, mut techniques) = if machine.is_cpu {
             (CPU_SIZE, CPU_FRAMES, CPU_TECHNIQUES)
         } else {
-            (GPU_SIZE, GPU_FRAMES, TECHNIQUES)
+            (GPU_SIZE, if self.budget { WAY_FRAMES } else { GPU_FRAMES }, TECHNIQUES)
         };
-        let techniques = if self.growth {
-            GROWTH_TECHNIQUES
+        if self.growth {
+            techniques = GROWTH_TECHNIQUES;
         } else if self.budget {
-            BUDGET_TECHNIQUES
-        } else {
-            techniques
-        };
-        let frames = if self.budget && !machine.is_cpu {
-            WAY_FRAMES
-        } else {
-            frames
-        };
+            techniques = BUDGET_TECHNIQUES;
+        }
         let default_techniques = || techniques.split(',').filter_map(|word| word.parse().ok()).collect();
         let scenes = match self.scene.as_slice() {
             [] if self.gltf.is_empty() => &DEFAULT_SCENES,

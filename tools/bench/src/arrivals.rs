@@ -65,9 +65,8 @@ pub fn measure(tracer: ReflectionTracerChoice, only: Option<&str>, csv: &mut Csv
     let cases = CASES
         .iter()
         .filter(|case| only.is_none_or(|word| case.0.contains(word)));
-    let mut heading = false;
-    for (name, meshes, rounds) in cases {
-        if !core::mem::replace(&mut heading, true) {
+    for (index, (name, meshes, rounds)) in cases.enumerate() {
+        if index == 0 {
             println!(
                 "\nLongest frame while meshes arrive (tracer: {tracer:?}), mean of several rounds with its 95 % interval.\n"
             );

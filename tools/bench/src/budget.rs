@@ -27,30 +27,13 @@ const WINDOW: usize = 9;
 ///
 /// If rays can't be traced, a scene has no path or doesn't become ready, or the chart can't be written.
 pub fn measure(plan: &Plan, out: Option<&Path>, csv: &mut Csv) -> Result<(), String> {
-    let columns = [
-        "scene",
-        "technique",
-        "target, ms",
-        "frames",
-        "within bounds",
-        "of these held",
-        "median off, %",
-        "p95 off, %",
-    ];
-    let title =
-        "GPU time under a budget along the camera's way; bounds are the times of the least effort and of all of it";
-    let mut ways = Table::new(title, &columns);
-    let title = "After the target has changed, at the middle of the way";
+    let mut ways = Table::new(
+        "GPU time under a budget along the camera's way; bounds are the times of the least effort and of all of it",
+        "scene | technique | target, ms | frames | within bounds | of these held | median off, % | p95 off, %",
+    );
     let mut steps = Table::new(
-        title,
-        &[
-            "scene",
-            "technique",
-            "from, ms",
-            "to, ms",
-            "frames until held",
-            "then held",
-        ],
+        "After the target has changed, at the middle of the way",
+        "scene | technique | from, ms | to, ms | frames until held | then held",
     );
     for &tracer in &plan.tracers {
         for subject in &plan.subjects {
@@ -59,10 +42,8 @@ pub fn measure(plan: &Plan, out: Option<&Path>, csv: &mut Csv) -> Result<(), Str
                 let responses = case.run(&mut ways, &mut steps, csv)?;
                 if let Some(folder) = out {
                     let file = folder.join(format!("{subject}.{technique}.budget.svg"));
-                    let chart = draw_steps(
-                        &format!("{subject}, {technique}: GPU time of reflections under a budget"),
-                        &responses,
-                    )?;
+                    let title = format!("{subject}, {technique}: GPU time of reflections under a budget");
+                    let chart = draw_steps(&title, &responses)?;
                     fs::create_dir_all(folder)
                         .and_then(|()| fs::write(&file, chart))
                         .map_err(|error| format!("{}: {error}", file.display()))?;
@@ -143,13 +124,8 @@ impl Case {
             percent(0.5),
             percent(0.95),
         ]);
-        csv.add(
-            &scene,
-            &technique,
-            "budget_held",
-            held as f64 / off.len().max(1) as f64,
-            "",
-        );
+        let share = held as f64 / off.len().max(1) as f64;
+        csv.add(&scene, &technique, "budget_held", share, "");
         self.step_response(steps)
     }
 

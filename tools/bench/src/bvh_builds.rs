@@ -15,7 +15,7 @@ use bevy_glint::internals::{
     geometry::pack_mesh,
 };
 use glint_scenes::{SceneName, SceneOptions, spawn_with};
-use std::{hint::black_box, time::Instant};
+use std::{f32::consts::TAU, hint::black_box, time::Instant};
 
 const QUALITIES: [(&str, BvhQuality); 3] = [
     ("fast", BvhQuality::Fast),
@@ -44,7 +44,7 @@ pub fn measure(triangles: u32, csv: &mut Csv) -> Result<(), String> {
 fn measure_blas_builds(triangles: u32, csv: &mut Csv) -> Result<(), String> {
     let mut blas_table = Table::new(
         "BLAS building (CPU, one build)",
-        &["mesh", "triangles", "quality", "ms", "MiB", "B/triangle", "stack"],
+        "mesh | triangles | quality | ms | MiB | B/triangle | stack",
     );
     for (name, soup) in [
         ("atrium_small_merged", merged(SceneName::AtriumSmall)),
@@ -81,17 +81,8 @@ fn measure_tlas_builds(csv: &mut Csv) -> Result<(), String> {
     let blas = build_blas(&tile.positions, &tile.indices, BvhQuality::default());
     let blas = blas.ok_or("no BLAS could be built for the instanced mesh")?;
     let title = format!("TLAS building (CPU, median of {TLAS_REPEATS}), and nodes that a ray visits");
-    let columns = [
-        "builder",
-        "instances",
-        "entries",
-        "nodes",
-        "ms",
-        "MiB",
-        "stack",
-        "nodes/ray",
-    ];
-    let mut tlas_table = Table::new(title, &columns);
+    let columns = "builder | instances | entries | nodes | ms | MiB | stack | nodes/ray";
+    let mut tlas_table = Table::new(title, columns);
     for count in INSTANCE_COUNTS {
         let instances = scattered(count, &blas);
         let mut linear = LinearBuilder::default();
@@ -159,15 +150,11 @@ fn nodes_of_a_ray(tlas: &Tlas, blas: &Blas, count: usize) -> f64 {
     };
     let mut counters = Counters::default();
     for ray in 0..RAYS {
-        let along = |step: f64| (f64::from(ray) * step).fract() as f32;
-        let origin = Vec3::new(along(0.819_172_5), along(0.671_043_6), along(0.549_700_5));
-        let (height, angle) = (
-            2.0 * along(0.754_877_7) - 1.0,
-            along(0.569_840_3) * core::f32::consts::TAU,
-        );
+        let height = 2.0 * along(ray, 0.754_877_7) - 1.0;
+        let angle = along(ray, 0.569_840_3) * TAU;
         let flat = (1.0 - height * height).sqrt();
         let ray = TraceRay {
-            origin: origin * (count as f32).cbrt(),
+            origin: place(ray) * (count as f32).cbrt(),
             direction: Vec3::new(flat * angle.cos(), height, flat * angle.sin()),
             t_min: 0.0,
             t_max: f32::INFINITY,
@@ -175,6 +162,16 @@ fn nodes_of_a_ray(tlas: &Tlas, blas: &Blas, count: usize) -> f64 {
         black_box(closest(&view, &ray, &mut counters));
     }
     counters.nodes as f64 / f64::from(RAYS)
+}
+
+/// A number from 0 to 1 by the index in a sequence.
+fn along(index: u32, step: f64) -> f32 {
+    (f64::from(index) * step).fract() as f32
+}
+
+/// A place in the unit cube, by the R3 sequence, which fills it without lumps.
+fn place(index: u32) -> Vec3 {
+    Vec3::from([0.819_172_5, 0.671_043_6, 0.549_700_5].map(|step| along(index, step)))
 }
 
 /// All meshes of a scene in world space.
@@ -229,12 +226,9 @@ fn scattered(count: usize, blas: &Blas) -> Vec<TlasInstance<'_>> {
     let spread = (count as f32).cbrt();
     (0..count as u32)
         .map(|instance| {
-            // The R3 sequence fills the cube without lumps.
-            let along = |step: f64| (f64::from(instance) * step).fract() as f32;
-            let place = Vec3::new(along(0.819_172_5), along(0.671_043_6), along(0.549_700_5));
-            let rotation = Quat::from_rotation_y(along(0.618_034) * core::f32::consts::TAU);
+            let rotation = Quat::from_rotation_y(along(instance, 0.618_034) * TAU);
             TlasInstance {
-                world_from_object: Affine3A::from_rotation_translation(rotation, place * spread),
+                world_from_object: Affine3A::from_rotation_translation(rotation, place(instance) * spread),
                 bounds: blas.bounds,
                 instance: owner(instance, 0),
                 first_node: 0,

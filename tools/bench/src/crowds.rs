@@ -2,6 +2,8 @@
 //! which hits sample.
 
 use crate::{
+    arguments::Plan,
+    measure::tracer_word,
     table::{Csv, number, quantile},
     worlds::interval,
 };
@@ -24,7 +26,7 @@ use bevy::{
 use bevy_glint::{
     RayTracedReflections, RayTracedReflectionsPlugin, ReflectedParticle, ReflectedParticles, ReflectedPose,
     ReflectedVertexShader, ReflectedVertices, ReflectionStatus, ReflectionStatusReport, ReflectionTechnique,
-    ReflectionTracer, ReflectionTracerChoice,
+    ReflectionTracerChoice,
 };
 use glint_scenes::{HeadlessApp, HeadlessSettings, SystemClock};
 use std::collections::BTreeMap;
@@ -52,65 +54,53 @@ const WIND: &str = "
     }
 ";
 
-/// How large crowds are.
-pub struct Crowds {
-    pub characters: usize,
-    pub size: UVec2,
-    pub frames: u32,
-    pub only: Option<String>,
-}
-
 /// Measures and prints.
 ///
 /// # Errors
 ///
 /// If rays can't be traced, or a world isn't ready in time.
-pub fn measure(tracers: &[ReflectionTracerChoice], crowds: &Crowds, csv: &mut Csv) -> Result<(), String> {
-    let wants = |name: &str| crowds.only.as_deref().is_none_or(|word| name.contains(word));
-    for &tracer in tracers {
-        let mut setup = Setup::new(tracer, crowds.size)?;
+pub fn measure(plan: &Plan, characters: usize, only: Option<&str>, csv: &mut Csv) -> Result<(), String> {
+    let wants = |name: &str| only.is_none_or(|word| name.contains(word));
+    let Plan { size, frames, .. } = *plan;
+    for &tracer in &plan.tracers {
+        let mut setup = Setup::new(tracer, size)?;
         let report = setup.report();
-        let word = match report.tracer {
-            Some(ReflectionTracer::RayQuery) => "ray-query",
-            Some(ReflectionTracer::Bvh) => "bvh",
-            None => return Err(format!("rays can't be traced: {}", report.reasons.join(". "))),
-        };
-        if tracer == ReflectionTracerChoice::RayQuery && word != "ray-query" {
+        let Some(word) = tracer_word(&report, tracer)? else {
             println!("{}.", report.reasons.join(". "));
             continue;
-        }
-        let UVec2 { x, y } = crowds.size;
+        };
+        let adapter = &report.adapter;
         println!(
-            "\nTracer {word} on {}, {x}x{y}, {} frames.\n",
-            report.adapter, crowds.frames
+            "\nTracer {word} on {adapter}, {}x{}, {frames} frames.\n",
+            size.x, size.y
         );
         println!("| case | posed | pose GPU ms | trace GPU ms | CPU ms of the plugin | 95 % interval | most of it |");
         println!("| --- | ---: | ---: | ---: | ---: | ---: | --- |");
         if wants("characters") {
-            setup.spawn_characters(crowds.characters);
+            setup.spawn_characters(characters);
             for (name, pose, walks) in [
                 ("characters, rigid", ReflectedPose::Rigid, true),
                 ("characters, standing", ReflectedPose::Posed, false),
                 ("characters, walking", ReflectedPose::Posed, true),
             ] {
                 setup.set_pose(pose);
-                let measured = setup.measure(crowds.frames, walks)?;
-                measured.print(&format!("{} {name}", crowds.characters), word, csv);
+                let measured = setup.measure(frames, walks)?;
+                measured.print(&format!("{characters} {name}"), word, csv);
             }
         }
         if wants("field") {
-            let mut setup = Setup::new(tracer, crowds.size)?;
+            let mut setup = Setup::new(tracer, size)?;
             setup.spawn_field();
             for (name, sways) in [("that stands", false), ("that sways", true)] {
                 if sways {
                     setup.insert_wind();
                 }
-                let measured = setup.measure(crowds.frames, sways)?;
+                let measured = setup.measure(frames, sways)?;
                 measured.print(&format!("a field of 200,000 triangles {name}"), word, csv);
             }
         }
         if wants("particles") {
-            let mut setup = Setup::new(tracer, crowds.size)?;
+            let mut setup = Setup::new(tracer, size)?;
             setup.spawn_pond();
             for (name, count, fly) in [
                 ("no particles", 0, false),
@@ -118,20 +108,20 @@ pub fn measure(tracers: &[ReflectionTracerChoice], crowds: &Crowds, csv: &mut Cs
                 ("10,000 particles that fly", PARTICLES, true),
             ] {
                 setup.set_particles(count);
-                let measured = setup.measure(crowds.frames, fly)?;
+                let measured = setup.measure(frames, fly)?;
                 measured.print(name, word, csv);
             }
         }
         if wants("decals") {
-            measure_decals(tracer, crowds, word, csv)?;
+            measure_decals(tracer, plan, word, csv)?;
         }
         if wants("lamps") {
             // The characters would be lit.
-            let mut setup = Setup::new(tracer, crowds.size)?;
+            let mut setup = Setup::new(tracer, size)?;
             setup.spawn_street();
             for count in LAMPS {
                 let lamps = setup.spawn_lamps(count);
-                let measured = setup.measure(crowds.frames, false)?;
+                let measured = setup.measure(frames, false)?;
                 measured.print(&format!("{count} lamps"), word, csv);
                 for lamp in lamps {
                     setup.app.world().despawn(lamp);
@@ -142,8 +132,8 @@ pub fn measure(tracers: &[ReflectionTracerChoice], crowds: &Crowds, csv: &mut Cs
     Ok(())
 }
 
-fn measure_decals(tracer: ReflectionTracerChoice, crowds: &Crowds, word: &str, csv: &mut Csv) -> Result<(), String> {
-    let mut setup = Setup::new(tracer, crowds.size)?;
+fn measure_decals(tracer: ReflectionTracerChoice, plan: &Plan, word: &str, csv: &mut Csv) -> Result<(), String> {
+    let mut setup = Setup::new(tracer, plan.size)?;
     setup.spawn_street();
     setup.app.world().spawn(DirectionalLight::default());
     for (name, count, moves) in [
@@ -152,7 +142,7 @@ fn measure_decals(tracer: ReflectionTracerChoice, crowds: &Crowds, word: &str, c
         ("1,000 decals, one of which moves", 0, true),
     ] {
         setup.spawn_decals(count);
-        let measured = setup.measure(crowds.frames, moves)?;
+        let measured = setup.measure(plan.frames, moves)?;
         measured.print(name, word, csv);
     }
     Ok(())
@@ -257,18 +247,11 @@ impl Setup {
 
     /// Characters on polished ground.
     fn spawn_characters(&mut self, count: usize) {
-        self.spawn(
-            Plane3d::new(Vec3::Y, Vec2::splat(60.0)),
-            Color::srgb(0.3, 0.3, 0.3),
-            0.1,
-            Transform::IDENTITY,
-        );
-        let sun = DirectionalLight::default();
+        let ground = Plane3d::new(Vec3::Y, Vec2::splat(60.0));
+        self.spawn(ground, Color::srgb(0.3, 0.3, 0.3), 0.1, Transform::IDENTITY);
+        let sun = Transform::default().looking_to(Vec3::new(0.3, -1.0, -0.4), Vec3::Y);
         let world = self.app.world();
-        world.spawn((
-            sun,
-            Transform::default().looking_to(Vec3::new(0.3, -1.0, -0.4), Vec3::Y),
-        ));
+        world.spawn((DirectionalLight::default(), sun));
         let mesh = world.resource_mut::<Assets<Mesh>>().add(character());
         let material = world
             .resource_mut::<Assets<StandardMaterial>>()
@@ -279,16 +262,13 @@ impl Setup {
         let inverse_bindposes = all_poses.add(SkinnedMeshInverseBindposes::from(poses));
         for index in 0..count {
             let place = Vec3::new(1.2 * (index % 10) as f32 - 5.4, 0.0, -2.0 - 1.5 * (index / 10) as f32);
-            let joints: Vec<Entity> = (0..JOINTS)
-                .map(|joint| {
-                    let at = if joint == 0 {
-                        Transform::from_translation(place)
-                    } else {
-                        Transform::from_xyz(0.0, joint_height(1), 0.0)
-                    };
-                    world.spawn((at, Visibility::default())).id()
-                })
-                .collect();
+            let joint = |joint: usize| {
+                let at = if joint == 0 { place } else { joint_height(1) * Vec3::Y };
+                world
+                    .spawn((Transform::from_translation(at), Visibility::default()))
+                    .id()
+            };
+            let joints: Vec<Entity> = (0..JOINTS).map(joint).collect();
             for pair in joints.windows(2) {
                 world.entity_mut(pair[0]).add_child(pair[1]);
             }
@@ -303,13 +283,9 @@ impl Setup {
     }
 
     fn spawn_pond(&mut self) {
+        let water = Plane3d::new(Vec3::Y, Vec2::splat(8.0));
         let at = Transform::from_xyz(0.0, 0.0, -4.0);
-        self.spawn(
-            Plane3d::new(Vec3::Y, Vec2::splat(8.0)),
-            Color::srgb(0.02, 0.05, 0.05),
-            0.05,
-            at,
-        );
+        self.spawn(water, Color::srgb(0.02, 0.05, 0.05), 0.05, at);
     }
 
     /// Unlit particles over the pond, in place of the last ones.
@@ -334,12 +310,8 @@ impl Setup {
     fn spawn_field(&mut self) {
         self.spawn_pond();
         let sheet = Plane3d::new(Vec3::Z, Vec2::new(8.0, 1.0)).mesh().subdivisions(315);
-        let field = self.spawn(
-            sheet,
-            Color::srgb(0.4, 0.5, 0.2),
-            0.9,
-            Transform::from_xyz(0.0, 1.0, -12.0),
-        );
+        let at = Transform::from_xyz(0.0, 1.0, -12.0);
+        let field = self.spawn(sheet, Color::srgb(0.4, 0.5, 0.2), 0.9, at);
         self.app.world().entity_mut(field).insert(ReflectedVertices::default());
     }
 

@@ -51,18 +51,29 @@ fn time(bench: &mut Bench, technique: &TimedTechnique, frames: u32) -> Result<()
     bench.measure(frames)
 }
 
+/// Columns of all passes, between others.
+fn columns(before: &str, after: &str) -> String {
+    format!("{before} | {}{after}", PASSES.join(" | "))
+}
+
 /// A row of all passes behind some cells.
-fn row(bench: &Bench, cells: Vec<String>) -> Vec<String> {
+fn row(bench: &Bench, cells: [String; 2]) -> Vec<String> {
     let times = PASSES.iter().map(|pass| number(bench.pass(pass), 4));
     cells.into_iter().chain(times).collect()
 }
 
+/// Adds the time of a pass to the CSV, if it was measured.
+fn add(csv: &mut Csv, bench: &Bench, [subject, variant]: [&str; 2], technique: &TimedTechnique, pass: &str) {
+    if let Some(value) = bench.pass(pass) {
+        csv.add(subject, variant, &format!("{technique}_{pass}"), value, "ms");
+    }
+}
+
 fn sizes(plan: &Plan, tracer: ReflectionTracerChoice, csv: &mut Csv) -> Result<Table, String> {
-    let mut columns = vec!["size", "technique"];
-    columns.extend(PASSES);
-    columns.extend(["ns per pixel", "MB", "B/pixel"]);
-    let title = "Passes by size of the picture (median ms of the GPU), and memory of the camera";
-    let mut table = Table::new(title, &columns);
+    let mut table = Table::new(
+        "Passes by size of the picture (median ms of the GPU), and memory of the camera",
+        &columns("size | technique", " | ns per pixel | MB | B/pixel"),
+    );
     for subject in plan.subjects.iter().take(1) {
         for size in SIZES {
             let size = size * plan.size / SIZES[2];
@@ -73,16 +84,14 @@ fn sizes(plan: &Plan, tracer: ReflectionTracerChoice, csv: &mut Csv) -> Result<T
                 let pixels = f64::from(size.x * size.y);
                 let bytes = bench.view_bytes();
                 let word = format!("{}x{}", size.x, size.y);
-                let mut cells = row(&bench, vec![word.clone(), technique.to_string()]);
+                let mut cells = row(&bench, [word.clone(), technique.to_string()]);
                 let total = bench.pass("total");
                 cells.push(number(total.map(|total| total * 1e6 / pixels), 3));
                 cells.push(number(Some(bytes as f64 * 1e-6), 1));
                 cells.push(number(Some(bytes as f64 / pixels), 1));
                 table.row(cells);
                 for pass in PASSES {
-                    if let Some(value) = bench.pass(pass) {
-                        csv.add(&subject.to_string(), &word, &format!("{technique}_{pass}"), value, "ms");
-                    }
+                    add(csv, &bench, [&subject.to_string(), &word], technique, pass);
                 }
             }
         }
@@ -91,50 +100,39 @@ fn sizes(plan: &Plan, tracer: ReflectionTracerChoice, csv: &mut Csv) -> Result<T
 }
 
 fn triangles(plan: &Plan, tracer: ReflectionTracerChoice, csv: &mut Csv) -> Result<Table, String> {
-    let mut columns = vec!["triangles", "technique"];
-    columns.extend(PASSES);
-    columns.push("MiB");
-    let title =
-        "Passes by triangles of the scene, which is the same picture (median ms of the GPU), and memory of the scene";
-    let mut table = Table::new(title, &columns);
+    let mut table = Table::new(
+        "Passes by triangles of the scene, which is the same picture (median ms of the GPU), and memory of the scene",
+        &columns("triangles | technique", " | MiB"),
+    );
     for count in TRIANGLES {
         let subject = Subject::Spheres(count);
         let mut bench = Bench::new(&subject, tracer, plan)?;
         for technique in &plan.techniques {
             time(&mut bench, technique, plan.frames)?;
             let report = bench.report();
-            let mut cells = row(&bench, vec![report.triangles.to_string(), technique.to_string()]);
+            let mut cells = row(&bench, [report.triangles.to_string(), technique.to_string()]);
             cells.push(number(Some(mebibytes(report.scene_bytes)), 1));
             table.row(cells);
-            if let Some(value) = bench.pass("trace") {
-                csv.add(&subject.to_string(), "-", &format!("{technique}_trace"), value, "ms");
-            }
+            add(csv, &bench, [&subject.to_string(), "-"], technique, "trace");
         }
     }
     Ok(table)
 }
 
 fn small_object(plan: &Plan, tracer: ReflectionTracerChoice, csv: &mut Csv) -> Result<Table, String> {
-    let mut columns = vec!["an object of 64x64 pixels", "roughness cut-off"];
-    columns.extend(PASSES);
-    let title = "A small object before a wall that is cut off, and that isn't (median ms of the GPU)";
-    let mut table = Table::new(title, &columns);
+    let mut table = Table::new(
+        "A small object before a wall that is cut off, and that isn't (median ms of the GPU)",
+        &columns("an object of 64x64 pixels | roughness cut-off", ""),
+    );
     let mut bench = Bench::new(&Subject::SmallObject, tracer, plan)?;
     for technique in &plan.techniques {
         for cutoff in [0.6, 1.0] {
             let mut technique = technique.clone();
             technique.reflections.roughness_cutoff = cutoff;
             time(&mut bench, &technique, plan.frames)?;
-            table.row(row(&bench, vec![technique.to_string(), number(Some(cutoff.into()), 1)]));
-            if let Some(value) = bench.pass("total") {
-                csv.add(
-                    "small object",
-                    &format!("cut-off {cutoff}"),
-                    &format!("{technique}_total"),
-                    value,
-                    "ms",
-                );
-            }
+            table.row(row(&bench, [technique.to_string(), number(Some(cutoff.into()), 1)]));
+            let variant = format!("cut-off {cutoff}");
+            add(csv, &bench, ["small object", &variant], &technique, "total");
         }
     }
     Ok(table)

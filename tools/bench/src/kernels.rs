@@ -8,7 +8,7 @@ use bevy::{
     prelude::*,
     render::{
         Render, RenderApp, RenderSystems,
-        diagnostic::{DiagnosticsRecorder, RecordDiagnostics},
+        diagnostic::RecordDiagnostics,
         render_resource::{
             BindGroup, BindGroupEntries, BindGroupLayoutDescriptor, BindGroupLayoutEntries, Buffer, BufferDescriptor,
             BufferUsages, CachedComputePipelineId, CachedPipelineState, ComputePassDescriptor, ComputePipeline,
@@ -43,42 +43,49 @@ const ENTRY_POINTS: [&str; 5] = [
 /// The last one is compiled without the alpha test, if that makes a difference.
 const SOLID: usize = 4;
 
-/// A list of rays: the kernel that collects it, and the names of its measurements.
-struct RaySet {
+/// A list of rays.
+pub struct RaySet {
+    /// The word in tables and in names of diagnostics.
+    pub word: &'static str,
+    /// The kernel that collects it.
     collect: usize,
     /// Pixels along each axis that share a ray.
     stride: u32,
     /// Alpha-masked objects count as solid, except for the parts that merged trees omit.
     solid: bool,
-    span: &'static str,
-    rays: &'static str,
-    hits: &'static str,
 }
 
-const RAY_SETS: [RaySet; 3] = [
+impl RaySet {
+    /// Diagnostics of rays, hits and GPU time.
+    pub fn diagnostics(&self) -> [String; 3] {
+        let word = self.word;
+        [
+            format!("render/bench_{word}_rays"),
+            format!("render/bench_{word}_hits"),
+            format!("render/bench/{word}/elapsed_gpu"),
+        ]
+    }
+}
+
+/// All lists.
+pub const RAY_SETS: [RaySet; 3] = [
     RaySet {
+        word: "primary",
         collect: 0,
         stride: 1,
         solid: false,
-        span: "primary",
-        rays: "bench_primary_rays",
-        hits: "bench_primary_hits",
     },
     RaySet {
+        word: "reflection",
         collect: 1,
         stride: 2,
         solid: false,
-        span: "reflection",
-        rays: "bench_reflection_rays",
-        hits: "bench_reflection_hits",
     },
     RaySet {
+        word: "solid",
         collect: 1,
         stride: 2,
         solid: true,
-        span: "solid",
-        rays: "bench_solid_rays",
-        hits: "bench_solid_hits",
     },
 ];
 
@@ -274,27 +281,27 @@ fn run_kernels(
     let groups = [&buffers.bind_group, scene, environment];
     let diagnostics = ctx.diagnostic_recorder();
     let diagnostics = diagnostics.as_deref();
+    let record = |ctx: &mut RenderContext, offset: u64, name: String| {
+        let counter = buffers.counters.slice(offset..offset + 4);
+        diagnostics.record_u32(ctx.command_encoder(), &counter, name);
+    };
     let total = diagnostics.time_span(ctx.command_encoder(), "bench");
     for set in RAY_SETS.iter().filter(|set| has_solid || !set.solid) {
         ctx.command_encoder().clear_buffer(&buffers.counters, 0, None);
         let rays = size.map(|extent| extent.div_ceil(set.stride));
-        dispatch(
-            &mut ctx,
-            collect[set.collect],
-            groups,
-            rays.map(|extent| extent.div_ceil(8)),
-        );
-        record(diagnostics, &mut ctx, &buffers.counters, 0, set.rays);
+        let tiles = rays.map(|extent| extent.div_ceil(8));
+        dispatch(&mut ctx, collect[set.collect], groups, tiles);
+        record(&mut ctx, 0, format!("bench_{}_rays", set.word));
 
         let workgroups = (rays.x * rays.y).div_ceil(64);
         let row = workgroups.min(GRID_ROW);
         let grid = UVec2::new(row, workgroups.div_ceil(row.max(1)));
-        let span = diagnostics.time_span(ctx.command_encoder(), set.span);
+        let span = diagnostics.time_span(ctx.command_encoder(), set.word);
         dispatch(&mut ctx, if set.solid { trace_solid } else { trace }, groups, grid);
         span.end(ctx.command_encoder());
 
         dispatch(&mut ctx, count, groups, grid);
-        record(diagnostics, &mut ctx, &buffers.counters, 4, set.hits);
+        record(&mut ctx, 4, format!("bench_{}_hits", set.word));
     }
     total.end(ctx.command_encoder());
 }
@@ -322,14 +329,4 @@ fn dispatch(ctx: &mut RenderContext, pipeline: &ComputePipeline, groups: [&BindG
         pass.set_bind_group(index as u32, group, &[]);
     }
     pass.dispatch_workgroups(grid.x, grid.y, 1);
-}
-
-fn record(
-    diagnostics: Option<&DiagnosticsRecorder>,
-    ctx: &mut RenderContext,
-    counters: &Buffer,
-    offset: u64,
-    name: &'static str,
-) {
-    diagnostics.record_u32(ctx.command_encoder(), &counters.slice(offset..offset + 4), name);
 }

@@ -1,13 +1,7 @@
 //! The graphics adapter.
 
-use bevy::{
-    math::UVec2,
-    render::{
-        RenderApp,
-        renderer::{RenderAdapterInfo, RenderDevice},
-    },
-};
-use glint_scenes::{HeadlessApp, HeadlessSettings};
+use bevy::{math::UVec2, render::renderer::RenderAdapterInfo};
+use glint_scenes::{HeadlessApp, HeadlessError, HeadlessSettings};
 
 /// Properties that sizes depend on.
 pub struct Machine {
@@ -32,15 +26,11 @@ impl Machine {
             log: true,
             ..Default::default()
         };
-        let mut app = HeadlessApp::new(settings, |_| {}).map_err(|error| error.to_string())?;
-        let render = app.app().get_sub_app(RenderApp).ok_or("there is no render app")?;
-        let (Some(info), Some(device)) = (
-            render.world().get_resource::<RenderAdapterInfo>(),
-            render.world().get_resource::<RenderDevice>(),
-        ) else {
-            return Err("no graphics device was found".to_owned());
-        };
-        let limits = device.limits();
+        let text = |error: HeadlessError| error.to_string();
+        let app = HeadlessApp::new(settings, |_| {}).map_err(text)?;
+        let limits = app.device().map_err(text)?.limits();
+        let info = app.render_world().map_err(text)?.get_resource::<RenderAdapterInfo>();
+        let info = info.ok_or("no graphics device was found")?;
         Ok(Self {
             name: format!(
                 "{} ({:?}, {} {})",

@@ -66,7 +66,7 @@ fn measure(arguments: &Arguments, csv: &mut Csv) -> Result<(String, String), Str
     if arguments.crowds {
         let plan = arguments.plan(&Machine::probe()?);
         let UVec2 { x, y } = plan.size;
-        crowds::measure(&plan.tracers, &arguments.crowds(&plan), csv)?;
+        crowds::measure(&plan, arguments.characters, only, csv)?;
         return Ok((adapter, format!("{x}x{y}")));
     }
     if !arguments.skip_rays {

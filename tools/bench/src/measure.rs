@@ -2,7 +2,7 @@
 
 use crate::{
     arguments::{Plan, TimedTechnique},
-    kernels,
+    kernels::{self, RAY_SETS},
     subject::Subject,
     table::{Csv, Table, mebibytes, number, quantile},
 };
@@ -10,11 +10,11 @@ use bevy::{
     diagnostic::{DiagnosticPath, DiagnosticsStore},
     platform::time::Instant,
     prelude::*,
-    render::{RenderApp, diagnostic::RenderDiagnosticsPlugin, render_resource::PollType, renderer::RenderDevice},
+    render::{RenderApp, diagnostic::RenderDiagnosticsPlugin},
 };
 use bevy_glint::{
     RayTracedReflectionsPlugin, ReflectionBackend, ReflectionBudget, ReflectionEffort, ReflectionStatus,
-    ReflectionStatusReport, ReflectionTracerChoice, internals::TotalTimeOnly,
+    ReflectionStatusReport, ReflectionTracer, ReflectionTracerChoice, internals::TotalTimeOnly,
 };
 use glint_scenes::{HeadlessApp, HeadlessSettings, ReplacedShader, SceneStatistics};
 use std::{path::Path, time::Duration};
@@ -28,27 +28,6 @@ const FRAME_LIMIT: u32 = 40_000;
 /// Maximum number of frames until a camera without reflective surfaces in view rests.
 const REST_FRAMES: u32 = 60;
 
-/// Kernels: the word in tables, its diagnostics of rays, hits and GPU time.
-const KERNELS: [(&str, &str, &str, &str); 3] = [
-    (
-        "primary",
-        "render/bench_primary_rays",
-        "render/bench_primary_hits",
-        "render/bench/primary/elapsed_gpu",
-    ),
-    (
-        "reflection",
-        "render/bench_reflection_rays",
-        "render/bench_reflection_hits",
-        "render/bench/reflection/elapsed_gpu",
-    ),
-    (
-        "solid",
-        "render/bench_solid_rays",
-        "render/bench_solid_hits",
-        "render/bench/solid/elapsed_gpu",
-    ),
-];
 /// Passes: the word in tables and the diagnostic of their GPU time.
 const PASSES: [(&str, &str); 15] = [
     ("rate", "render/glint/rate/elapsed_gpu"),
@@ -80,12 +59,6 @@ pub struct Tables {
     pub kernels: Table,
     pub passes: Table,
     pub memory: Table,
-}
-
-/// The render app's world.
-fn render_world(app: &mut HeadlessApp) -> Result<&World, String> {
-    let render = app.app().get_sub_app(RenderApp).ok_or("there is no render app")?;
-    Ok(render.world())
 }
 
 /// Radians that the camera turns in a frame, to one side and back: a static view converges, which is different work.
@@ -122,6 +95,22 @@ fn open_device(app: &mut App, backend: ReflectionBackend) {
     let _ = (app, backend);
 }
 
+/// The word for the tracer of an app; `None` if it isn't the requested one.
+///
+/// # Errors
+///
+/// If rays can't be traced.
+pub fn tracer_word(
+    report: &ReflectionStatusReport,
+    requested: ReflectionTracerChoice,
+) -> Result<Option<&'static str>, String> {
+    match report.tracer {
+        Some(ReflectionTracer::RayQuery) => Ok(Some("ray-query")),
+        Some(ReflectionTracer::Bvh) => Ok((requested != ReflectionTracerChoice::RayQuery).then_some("bvh")),
+        None => Err(format!("rays can't be traced: {}", report.reasons.join(". "))),
+    }
+}
+
 impl Bench {
     /// Spawns the scene.
     pub fn new(subject: &Subject, tracer: ReflectionTracerChoice, plan: &Plan) -> Result<Self, String> {
@@ -135,30 +124,24 @@ impl Bench {
             settings,
             |app| open_device(app, backend),
             |app| {
-                app.add_plugins((
-                    RenderDiagnosticsPlugin,
-                    RayTracedReflectionsPlugin { tracer, ..default() },
-                ));
+                app.add_plugins(RenderDiagnosticsPlugin);
+                app.add_plugins(RayTracedReflectionsPlugin { tracer, ..default() });
                 kernels::add(app);
             },
         )
         .map_err(|error| error.to_string())?;
         let camera = subject.spawn(&mut app, plan.detail)?;
-        let kernels = KERNELS.iter().flat_map(|&(_, rays, hits, time)| [rays, hits, time]);
-        let passes = PASSES.iter().map(|&(_, time)| time);
-        let samples = kernels
-            .chain(passes)
-            .chain(COUNTERS.iter().map(|&(_, counter)| counter))
-            .map(|path| Samples {
-                path: DiagnosticPath::new(path),
-                last: None,
-                values: Vec::new(),
-            })
-            .collect();
+        let kernels = RAY_SETS.iter().flat_map(|set| set.diagnostics());
+        let others = PASSES.iter().chain(&COUNTERS).map(|(_, path)| (*path).to_owned());
+        let samples = kernels.chain(others).map(|path| Samples {
+            path: DiagnosticPath::new(path),
+            last: None,
+            values: Vec::new(),
+        });
         Ok(Self {
             app,
             camera,
-            samples,
+            samples: samples.collect(),
             totals: Vec::new(),
             is_idle: false,
             turn: TREMBLE,
@@ -180,10 +163,8 @@ impl Bench {
     /// Switches to a technique.
     pub fn set_technique(&mut self, technique: &TimedTechnique) {
         self.is_idle = technique.is_idle;
-        self.app
-            .world()
-            .entity_mut(self.camera)
-            .insert((technique.reflections.clone(), technique.heuristic.clone()));
+        let settings = (technique.reflections.clone(), technique.heuristic.clone());
+        self.app.world().entity_mut(self.camera).insert(settings);
     }
 
     /// The crate's report about itself.
@@ -234,56 +215,37 @@ impl Bench {
             .iter(world)
             .map(|statistics| statistics.triangles)
             .sum::<usize>();
-        table.row([
-            scene.to_string(),
-            tracer.to_owned(),
-            report.triangles.to_string(),
-            placed.to_string(),
-            report.instances.to_string(),
-            number(Some(report.blas_build_ms.into()), 2),
-            number(Some(report.tlas_build_ms.into()), 3),
-            number(Some(mebibytes(report.scene_bytes)), 2),
-        ]);
-        for (measure, value, unit) in [
-            ("mesh_triangles", report.triangles as f64, ""),
-            ("placed_triangles", placed as f64, ""),
-            ("instances", report.instances as f64, ""),
-            ("mesh_build", report.blas_build_ms.into(), "ms"),
-            ("top_level_build", report.tlas_build_ms.into(), "ms"),
-            ("scene_bytes", report.scene_bytes as f64, "B"),
+        let mut row = vec![scene.to_string(), tracer.to_owned()];
+        for (measure, value, digits, unit) in [
+            ("mesh_triangles", report.triangles as f64, 0, ""),
+            ("placed_triangles", placed as f64, 0, ""),
+            ("instances", report.instances as f64, 0, ""),
+            ("mesh_build", report.blas_build_ms.into(), 2, "ms"),
+            ("top_level_build", report.tlas_build_ms.into(), 3, "ms"),
         ] {
-            csv.add(&scene.to_string(), tracer, measure, value, unit);
+            row.push(number(Some(value), digits));
+            csv.add(scene, tracer, measure, value, unit);
         }
+        row.push(number(Some(mebibytes(report.scene_bytes)), 2));
+        csv.add(scene, tracer, "scene_bytes", report.scene_bytes as f64, "B");
+        table.row(row);
     }
 
     /// Memory of the camera's textures and buffers, per pixel of the view.
     pub fn memory(&mut self, scene: &Subject, technique: &str, table: &mut Table, csv: &mut Csv) {
         let report = self.report();
         for view in report.view_memory {
-            let pixels = view.pixels as f64;
-            for &(part, bytes) in &view.parts {
+            let per_pixel = |bytes: u64| bytes as f64 / view.pixels as f64;
+            let all = view.bytes();
+            for (part, bytes) in view.parts.iter().copied().chain([("all", all)]) {
                 table.row([
                     technique.to_owned(),
                     part.to_owned(),
                     bytes.to_string(),
-                    number(Some(bytes as f64 / pixels), 2),
+                    number(Some(per_pixel(bytes)), 2),
                 ]);
             }
-            let bytes = view.bytes();
-            let per_pixel = bytes as f64 / pixels;
-            table.row([
-                technique.to_owned(),
-                "all".to_owned(),
-                bytes.to_string(),
-                number(Some(per_pixel), 2),
-            ]);
-            csv.add(
-                &scene.to_string(),
-                "-",
-                &format!("{technique}_memory"),
-                per_pixel,
-                "B/pixel",
-            );
+            csv.add(scene, "-", &format!("{technique}_memory"), per_pixel(all), "B/pixel");
         }
     }
 
@@ -295,16 +257,7 @@ impl Bench {
             transform.rotate_y(turn);
         }
         self.app.step(1);
-        let device = render_world(&mut self.app)?
-            .get_resource::<RenderDevice>()
-            .ok_or("there is no graphics device")?;
-        device
-            .poll(PollType::Wait {
-                submission_index: None,
-                timeout: None,
-            })
-            .map_err(|error| error.to_string())?;
-        Ok(())
+        self.app.wait_until_idle().map_err(|error| error.to_string())
     }
 
     /// Takes the measurements of this number of frames: first of all passes together, then of each.
@@ -413,38 +366,32 @@ impl Bench {
 
     /// Only closest hits.
     pub fn kernels(&self, scene: &Subject, tracer: &str, table: &mut Table, csv: &mut Csv) {
-        for (word, rays, hits, time) in KERNELS {
-            let (rays, hits) = (self.value(rays, 0.5), self.value(hits, 0.5));
+        for set in RAY_SETS {
+            let [rays, hits, time] = set.diagnostics();
+            let (rays, hits) = (self.value(&rays, 0.5), self.value(&hits, 0.5));
             if rays.is_none() {
                 continue;
             }
-            let (median, p95) = (self.value(time, 0.5), self.value(time, 0.95));
+            let (median, p95) = (self.value(&time, 0.5), self.value(&time, 0.95));
             // Rays per millisecond are thousands per second.
             let rate = rays
                 .zip(median)
                 .filter(|(_, median)| *median > 0.0)
                 .map(|(rays, median)| rays / median * 1e-3);
-            table.row([
-                scene.to_string(),
-                tracer.to_owned(),
-                word.to_owned(),
-                number(rays, 0),
-                number(hits, 0),
-                number(median, 4),
-                number(p95, 4),
-                number(rate, 1),
-            ]);
-            for (measure, value, unit) in [
-                ("rays", rays, ""),
-                ("hits", hits, ""),
-                ("median", median, "ms"),
-                ("p95", p95, "ms"),
-                ("rate", rate, "Mrays/s"),
+            let mut row = vec![scene.to_string(), tracer.to_owned(), set.word.to_owned()];
+            for (measure, value, digits, unit) in [
+                ("rays", rays, 0, ""),
+                ("hits", hits, 0, ""),
+                ("median", median, 4, "ms"),
+                ("p95", p95, 4, "ms"),
+                ("rate", rate, 1, "Mrays/s"),
             ] {
+                row.push(number(value, digits));
                 if let Some(value) = value {
-                    csv.add(&scene.to_string(), tracer, &format!("{word}_{measure}"), value, unit);
+                    csv.add(scene, tracer, &format!("{}_{measure}", set.word), value, unit);
                 }
             }
+            table.row(row);
         }
     }
 
@@ -455,13 +402,7 @@ impl Bench {
             row.push(number(self.value(time, 0.5), 4));
             for (measure, share) in [("median", 0.5), ("p95", 0.95)] {
                 if let Some(value) = self.value(time, share) {
-                    csv.add(
-                        &scene.to_string(),
-                        tracer,
-                        &format!("{technique}_{word}_{measure}"),
-                        value,
-                        "ms",
-                    );
+                    csv.add(scene, tracer, &format!("{technique}_{word}_{measure}"), value, "ms");
                 }
             }
         }
@@ -469,7 +410,7 @@ impl Bench {
             let value = self.value(counter, 0.5);
             row.push(number(value, 0));
             if let Some(value) = value {
-                csv.add(&scene.to_string(), tracer, &format!("{technique}_{word}"), value, "");
+                csv.add(scene, tracer, &format!("{technique}_{word}"), value, "");
             }
         }
         table.row(row);

@@ -2,10 +2,9 @@
 
 use crate::{
     arguments::Plan,
-    measure::{Bench, Tables},
+    measure::{Bench, Tables, tracer_word},
     table::{Csv, Table},
 };
-use bevy_glint::{ReflectionTracer, ReflectionTracerChoice};
 
 /// Measures and prints.
 ///
@@ -19,15 +18,10 @@ pub fn measure(plan: &Plan, csv: &mut Csv) -> Result<(), String> {
         for &choice in &plan.tracers {
             let mut bench = Bench::new(scene, choice, plan)?;
             let report = bench.report();
-            let tracer = match report.tracer {
-                Some(ReflectionTracer::RayQuery) => "ray-query",
-                Some(ReflectionTracer::Bvh) => "bvh",
-                None => return Err(format!("rays can't be traced: {}", report.reasons.join(". "))),
-            };
-            if choice == ReflectionTracerChoice::RayQuery && report.tracer != Some(ReflectionTracer::RayQuery) {
+            let Some(tracer) = tracer_word(&report, choice)? else {
                 println!("{scene}: {}.", report.reasons.join(". "));
                 continue;
-            }
+            };
             for (index, technique) in plan.techniques.iter().enumerate() {
                 let word = technique.to_string();
                 bench.set_technique(technique);
@@ -70,60 +64,22 @@ fn tables() -> Tables {
     Tables {
         scenes: Table::new(
             "Scenes (build times of the CPU, of meshes summed over threads; memory without what a driver keeps for ray queries)",
-            &[
-                "scene",
-                "tracer",
-                "mesh triangles",
-                "placed triangles",
-                "instances",
-                "meshes ms",
-                "top level ms",
-                "MiB",
-            ],
+            "scene | tracer | mesh triangles | placed triangles | instances | meshes ms | top level ms | MiB",
         ),
         kernels: Table::new(
             "Closest hits alone: one ray per pixel from the camera; specular reflections at half resolution, and the same \
              without alpha tests",
-            &[
-                "scene",
-                "tracer",
-                "kernel",
-                "rays",
-                "hits",
-                "median ms",
-                "p95 ms",
-                "Mrays/s",
-            ],
+            "scene | tracer | kernel | rays | hits | median ms | p95 ms | Mrays/s",
         ),
         passes: Table::new(
             "Passes (median ms of the GPU; the total without timers between them) and rays of a frame, roughness cut-off 1",
-            &[
-                "scene",
-                "tracer",
-                "technique",
-                "rate",
-                "trace",
-                "reconstruct",
-                "temporal",
-                "denoise",
-                "composite",
-                "total",
-                "layer find",
-                "layer rate",
-                "layer trace",
-                "layer reconstruct",
-                "layer temporal",
-                "layer denoise",
-                "layer composite",
-                "layer total",
-                "rays",
-                "mirror rays",
-                "hits",
-            ],
+            "scene | tracer | technique | rate | trace | reconstruct | temporal | denoise | composite | total | layer find | \
+             layer rate | layer trace | layer reconstruct | layer temporal | layer denoise | layer composite | layer total | \
+             rays | mirror rays | hits",
         ),
         memory: Table::new(
             "Memory of a camera (B, and B per pixel of the view)",
-            &["technique", "part", "B", "B/pixel"],
+            "technique | part | B | B/pixel",
         ),
     }
 }

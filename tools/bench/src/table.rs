@@ -1,6 +1,6 @@
 //! Aligned tables and the same values as CSV.
 
-use std::path::Path;
+use std::{fmt::Display, path::Path};
 
 /// A measured value.
 struct Value {
@@ -17,9 +17,9 @@ pub struct Csv(Vec<Value>);
 
 impl Csv {
     /// Adds a value. `subject` is a scene or a mesh, `variant` a tracer or a quality.
-    pub fn add(&mut self, subject: &str, variant: &str, measure: &str, value: f64, unit: &'static str) {
+    pub fn add(&mut self, subject: impl Display, variant: &str, measure: &str, value: f64, unit: &'static str) {
         self.0.push(Value {
-            subject: subject.to_owned(),
+            subject: subject.to_string(),
             variant: variant.to_owned(),
             measure: measure.to_owned(),
             value,
@@ -62,10 +62,11 @@ pub struct Table {
 }
 
 impl Table {
-    pub fn new(title: impl Into<String>, columns: &[&str]) -> Self {
+    /// `columns` are the names of the columns with ` | ` between them.
+    pub fn new(title: impl Into<String>, columns: &str) -> Self {
         Self {
             title: title.into(),
-            rows: vec![columns.iter().map(ToString::to_string).collect()],
+            rows: vec![columns.split(" | ").map(str::to_owned).collect()],
         }
     }
 
@@ -80,16 +81,11 @@ impl Table {
         }
         println!("\n{}", self.title);
         let columns = self.rows.iter().map(Vec::len).max().unwrap_or(0);
-        let widths: Vec<usize> = (0..columns)
-            .map(|i| {
-                self.rows
-                    .iter()
-                    .filter_map(|row| row.get(i))
-                    .map(|cell| cell.chars().count())
-                    .max()
-                    .unwrap_or(0)
-            })
-            .collect();
+        let width = |column: usize| {
+            let cells = self.rows.iter().filter_map(|row| row.get(column));
+            cells.map(|cell| cell.chars().count()).max().unwrap_or(0)
+        };
+        let widths: Vec<usize> = (0..columns).map(width).collect();
         for row in &self.rows {
             let cells = row.iter().zip(&widths).enumerate().map(|(i, (cell, &width))| {
                 if i == 0 {

@@ -10,7 +10,10 @@ use crate::{
     machine::Machine,
     process::{self, Notice},
     progress::Progress,
-    report::{results::Results, table, tables::Tables},
+    report::{
+        table,
+        tables::{Results, Tables},
+    },
 };
 use indicatif::HumanDuration;
 use std::{
@@ -38,7 +41,7 @@ pub struct Evaluation<'a> {
 impl<'a> Evaluation<'a> {
     /// Gets ready. `before` are the tables of earlier runs into the same folder.
     pub fn new(plan: &'a MeasurementPlan, machine: &'a Machine, before: Tables) -> Result<Self, String> {
-        let log = Arc::new(ComparisonLog::open(ComparisonLog::file_in(&plan.out)));
+        let log = Arc::new(ComparisonLog::open(&plan.out));
         Ok(Self {
             plan,
             machine,
@@ -117,8 +120,8 @@ impl<'a> Evaluation<'a> {
         for job in &self.plan.jobs {
             if let Some(failure) = self.over.get(&job.id()) {
                 scenes.insert(job.scene.name());
-                let rows = table::rows(job, self.machine, &self.log, failure.as_deref(), &problems);
-                let Tables { rows, objects, splits } = table::tables(job, rows);
+                let Tables { rows, objects, splits } =
+                    table::of_job(job, self.machine, &self.log, failure.as_deref(), &problems);
                 new.rows.extend(rows);
                 new.objects.extend(objects);
                 new.splits.extend(splits);

@@ -65,3 +65,17 @@ impl Machine {
         })
     }
 }
+
+/// For tests: `None` on a machine without a GPU, unless it is required.
+#[cfg(test)]
+pub fn unless_skipped<T>(outcome: Result<T, String>) -> Option<T> {
+    match outcome {
+        Err(reason) if reason.contains("no graphics device") => {
+            let required = std::env::var_os("GLINT_REQUIRE_GPU").is_some();
+            assert!(!required, "a GPU is required, but: {reason}");
+            println!("skipped: {reason}");
+            None
+        }
+        outcome => Some(outcome.unwrap()),
+    }
+}

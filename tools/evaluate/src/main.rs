@@ -44,10 +44,9 @@ use message::Message;
 use protocol::Protocol;
 use report::{
     regressions::compare,
-    results::Results,
     rows::{self, Row},
     summary::conditions,
-    tables::{ROWS, Tables},
+    tables::{ROWS, Results, Tables},
 };
 use std::{
     fs,

@@ -85,27 +85,21 @@ pub struct Split {
 impl Split {
     /// The mean of splits of pixels or views.
     pub fn mean(splits: impl IntoIterator<Item = Split>) -> Self {
-        let (mut sum, mut count) = ([0.0; 5], 0.0);
+        let (mut sum, mut count) = (Self::default(), 0.0);
         for split in splits {
-            let Split {
-                light,
-                noise,
-                bias,
-                contrast_noise,
-                contrast_bias,
-            } = split;
-            for (sum, value) in sum.iter_mut().zip([light, noise, bias, contrast_noise, contrast_bias]) {
-                *sum += value;
-            }
+            sum.light += split.light;
+            sum.noise += split.noise;
+            sum.bias += split.bias;
+            sum.contrast_noise += split.contrast_noise;
+            sum.contrast_bias += split.contrast_bias;
             count += 1.0;
         }
-        let [light, noise, bias, contrast_noise, contrast_bias] = sum.map(|sum| sum / count);
         Self {
-            light,
-            noise,
-            bias,
-            contrast_noise,
-            contrast_bias,
+            light: sum.light / count,
+            noise: sum.noise / count,
+            bias: sum.bias / count,
+            contrast_noise: sum.contrast_noise / count,
+            contrast_bias: sum.contrast_bias / count,
         }
     }
 }
@@ -235,19 +229,15 @@ impl Store {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{files::write_text, protocol::Protocol};
+    use crate::files::write_text;
     use tempfile::tempdir;
 
     #[test]
     fn a_job_is_complete_when_all_of_it_is_there() {
         let out = tempdir().unwrap();
-        let job = Job::example(out.path(), &["reference", "low"]);
-        let protocol = Protocol {
-            timing_frames: 2,
-            block: 1,
-            ..job.protocol.clone()
-        };
-        let job = Job { protocol, ..job };
+        let mut job = Job::example(out.path(), &["reference", "low"]);
+        job.protocol.timing_frames = 2;
+        job.protocol.block = 1;
         let store = Store::new(&job);
         for name in ["converged.png", "dark.png"] {
             write_text(&job.shared_images(0).join(name), "").unwrap();

@@ -45,7 +45,6 @@ struct Tool<'a> {
 }
 
 /// A translated entry point.
-#[derive(Clone)]
 struct Pass {
     /// Such as `trace/blocks.trace MIRRORS`.
     name: String,
@@ -80,21 +79,15 @@ impl RoundTrip {
             .filter(|preset| !passes.iter().any(|pass| pass.name == **preset));
         let mut failures: Vec<_> = missing.map(|name| format!("{name}: no such pass")).collect();
         passes.retain(|pass| all || is_preset(pass));
-        let mut known = Known::open(folder.join("hlsl.known"), tool.version()?);
-        let mut judged = Vec::new();
-        passes.retain(|pass| {
-            let outcome = known.get(pass.input());
-            judged.extend(outcome.clone().map(|outcome| (pass.clone(), outcome)));
-            outcome.is_none()
-        });
-        let kept = judged.len();
-        let new = tool.judge(passes, is_run)?;
-        new.iter().for_each(|(pass, outcome)| known.add(pass.input(), outcome));
-        known.save()?;
-        judged.extend(new);
-        let count = |is_counted: fn(&Pass) -> bool| judged.iter().filter(|(pass, _)| is_counted(pass)).count();
-        let (compiled, ran) = (count(|_| true), count(is_run));
-        for (pass, outcome) in &judged {
+        let inputs: Vec<_> = passes.iter().map(Pass::input).collect();
+        let mut kept = 0;
+        let outcomes = Known::open(folder.join("hlsl.known"), tool.version()?).complete(&inputs, |new| {
+            kept = passes.len() - new.len();
+            let new: Vec<_> = new.iter().map(|index| &passes[*index]).collect();
+            tool.judge(&new, is_run)
+        })?;
+        let (compiled, ran) = (passes.len(), passes.iter().filter(|pass| is_run(pass)).count());
+        for (pass, outcome) in passes.iter().zip(&outcomes) {
             match outcome {
                 Ok(figures) => {
                     let figures: Vec<_> = figures.iter().map(|(name, value)| format!("{name}={value}")).collect();
@@ -129,7 +122,7 @@ impl RoundTrip {
 }
 
 /// The outcome of each pass.
-fn each(limits: Limits, passes: &[Pass], command: impl Fn(&[&str]) -> Command + Sync) -> Result<Vec<Outcome>> {
+fn each(limits: Limits, passes: &[&Pass], command: impl Fn(&[&str]) -> Command + Sync) -> Result<Vec<Outcome>> {
     let arguments: Vec<_> = passes.iter().map(|pass| pass.argument.as_str()).collect();
     batches::run(&arguments, limits, command)
 }
@@ -145,18 +138,17 @@ impl Tool<'_> {
     }
 
     /// Compiles all passes, and runs some.
-    fn judge(&self, passes: Vec<Pass>, runs: impl Fn(&Pass) -> bool) -> Result<Vec<(Pass, Outcome)>> {
-        let outcomes = each(COMPILE, &passes, |names| self.compiler(names))?;
-        let (mut judged, mut good) = (Vec::new(), Vec::new());
-        for (pass, outcome) in passes.into_iter().zip(outcomes) {
-            match outcome.and_then(|_| self.validate(&pass)) {
-                Ok(()) if runs(&pass) => good.push(pass),
-                outcome => judged.push((pass, outcome.map(|()| Vec::new()))),
-            }
+    fn judge(&self, passes: &[&Pass], runs: impl Fn(&Pass) -> bool) -> Result<Vec<Outcome>> {
+        let compiled = each(COMPILE, passes, |names| self.compiler(names))?;
+        let validated = compiled.into_iter().zip(passes);
+        let validated = validated.map(|(outcome, pass)| outcome.and_then(|_| self.validate(pass)));
+        let mut outcomes: Vec<Outcome> = validated.map(|outcome| outcome.map(|()| Vec::new())).collect();
+        let pairs = passes.iter().copied().zip(&mut outcomes);
+        let (good, of_good): (Vec<_>, Vec<_>) = pairs.filter(|(pass, outcome)| outcome.is_ok() && runs(pass)).unzip();
+        for (outcome, ran) in of_good.into_iter().zip(each(RUN, &good, |names| self.runner(names))?) {
+            *outcome = ran;
         }
-        let outcomes = each(RUN, &good, |names| self.runner(names))?;
-        judged.extend(good.into_iter().zip(outcomes));
-        Ok(judged)
+        Ok(outcomes)
     }
 
     fn compiler(&self, names: &[&str]) -> Command {
@@ -240,9 +232,9 @@ mod tests {
             name: name.to_owned(),
             argument: at(&format!("{name}.main")).display().to_string(),
         });
-        let judged = tool.judge(passes.into(), |_| true).unwrap();
+        let outcomes = tool.judge(&passes.each_ref(), |_| true).unwrap();
+        let judged = passes.iter().zip(&outcomes);
         let failures: Vec<_> = judged
-            .iter()
             .filter_map(|(pass, outcome)| Some(format!("{}: {}", pass.name, outcome.as_ref().err()?)))
             .collect();
         assert_eq!(failures.len(), 3, "{failures:?}");

@@ -80,15 +80,10 @@ fn is_portable(source: &[u8]) -> bool {
 
 #[cfg(test)]
 mod tests {
+    use super::super::planted::GOOD;
     use super::*;
     use std::fs;
 
-    const GOOD: &str = "
-        @group(0) @binding(0) var<storage, read_write> data: array<f32, 64>;
-        @compute @workgroup_size(64)
-        fn main(@builtin(local_invocation_index) index: u32) {
-            data[index] += 1.0;
-        }";
     /// A barrier that only some invocations reach, which naga accepts.
     const DIVERGENT: &str = "
         @group(0) @binding(0) var<storage, read_write> data: array<f32, 64>;

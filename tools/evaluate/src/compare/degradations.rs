@@ -1,11 +1,12 @@
 //! The metrics on rendered images: equal settings have no difference, and known damage ranks in the right order.
 
 use super::{image::from_rgba, metrics};
+use crate::machine::unless_skipped;
 use bevy::{math::UVec2, prelude::*};
 use bevy_glint::{
     RayTracedReflections, RayTracedReflectionsPlugin, ReflectionStatus, ReflectionTechnique, ReflectionTracerChoice,
 };
-use glint_scenes::{HeadlessApp, HeadlessError, HeadlessSettings, SceneName, SceneOptions};
+use glint_scenes::{HeadlessApp, HeadlessSettings, SceneName, SceneOptions};
 use image::RgbImage;
 use std::time::{Duration, Instant};
 
@@ -18,20 +19,10 @@ fn app() -> Option<HeadlessApp> {
         ..default()
     };
     let tracer = ReflectionTracerChoice::Bvh;
-    match HeadlessApp::new(settings, |app| {
+    let app = HeadlessApp::new(settings, |app| {
         app.add_plugins(RayTracedReflectionsPlugin { tracer, ..default() });
-    }) {
-        Ok(app) => Some(app),
-        Err(error @ HeadlessError::NoRenderer) => {
-            assert!(
-                std::env::var_os("GLINT_REQUIRE_GPU").is_none(),
-                "a GPU is required, but: {error}"
-            );
-            println!("skipped: {error}");
-            None
-        }
-        Err(error) => panic!("{error}"),
-    }
+    });
+    unless_skipped(app.map_err(|error| error.to_string()))
 }
 
 /// The mirror floor with some roughness; `None` for no reflection.

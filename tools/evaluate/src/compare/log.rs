@@ -25,14 +25,11 @@ pub struct ComparisonLog {
 }
 
 impl ComparisonLog {
-    /// The place of the log in a folder of results.
-    pub fn file_in(out: &Path) -> PathBuf {
-        out.join("state").join("comparisons")
-    }
-
-    /// Opens the log, which need not exist.
-    pub fn open(folder: PathBuf) -> Self {
-        Self { folder }
+    /// The log in a folder of results, which need not exist.
+    pub fn open(out: &Path) -> Self {
+        Self {
+            folder: out.join("state").join("comparisons"),
+        }
     }
 
     fn file(&self, job: &str, variant: &str, view: u32) -> PathBuf {
@@ -65,18 +62,16 @@ mod tests {
     #[test]
     fn errors_of_other_images_do_not_count() {
         let out = tempfile::tempdir().unwrap();
-        let log = ComparisonLog::open(ComparisonLog::file_in(out.path()));
+        let log = ComparisonLog::open(out.path());
         let key = |view| ("atrium".to_owned(), "low".to_owned(), view);
         let append = |view: u32, pictures: u64, error: f64| {
-            let errors = ViewErrors {
-                final_converged: Some(error),
-                ..ViewErrors::default()
-            };
-            let reference = Some(3);
             let entry = Entry {
                 pictures,
-                reference,
-                errors,
+                reference: Some(3),
+                errors: ViewErrors {
+                    final_converged: Some(error),
+                    ..ViewErrors::default()
+                },
             };
             log.append(&key(view), &entry).unwrap();
         };

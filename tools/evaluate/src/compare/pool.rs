@@ -229,7 +229,7 @@ mod tests {
     }
 
     fn open(job: &Job) -> Arc<ComparisonLog> {
-        Arc::new(ComparisonLog::open(ComparisonLog::file_in(&job.out)))
+        Arc::new(ComparisonLog::open(&job.out))
     }
 
     fn errors(log: &ComparisonLog, technique: &str, stamp: u64) -> Option<ViewErrors> {

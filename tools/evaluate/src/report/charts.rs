@@ -2,8 +2,8 @@
 
 use super::{
     dominance::range_of_views,
-    results::Results,
     rows::{Keyed, Row, of_scene, scenes, significant},
+    tables::Results,
 };
 use crate::{files::write_text, stats::pareto_front};
 use plotters::{
@@ -70,30 +70,26 @@ impl Family {
 }
 
 /// One technique in a chart.
-#[derive(Clone, Debug, PartialEq)]
-struct Point {
-    label: String,
+struct Point<'a> {
+    row: &'a Row,
     /// Milliseconds, above 0.
     time: f64,
-    /// The confidence interval of the time.
-    time_range: Option<(f64, f64)>,
     /// The error, at least 0.
     error: f64,
-    /// The error in the best and in the worst view, or the confidence interval of a single one.
-    error_range: Option<(f64, f64)>,
-    family: Family,
-    /// Another technique is both faster and closer to the truth, beyond the intervals.
-    dominated: bool,
+}
+
+impl Point<'_> {
+    fn family(&self) -> Family {
+        Family::of(&self.row.technique)
+    }
 }
 
 /// A chart of one scene.
-#[derive(Clone, Debug, PartialEq)]
-struct Chart {
+struct Chart<'a> {
     title: String,
     subtitle: String,
-    /// The error's name.
-    error_name: String,
-    points: Vec<Point>,
+    kind: &'a Kind,
+    points: Vec<Point<'a>>,
     /// Errors of techniques that take no time, drawn as horizontal lines.
     levels: Vec<(String, f64)>,
 }
@@ -104,8 +100,9 @@ struct Kind {
     word: &'static str,
     name: &'static str,
     error: fn(&Row) -> Option<f64>,
+    /// The error in the best and in the worst view, or the confidence interval of a single one.
     range: fn(&Row) -> Option<(f64, f64)>,
-    /// True if techniques are dominated by this error.
+    /// True if techniques are dominated by this error: another one is both faster and closer to the truth, beyond the intervals.
     dominates: bool,
 }
 
@@ -144,35 +141,31 @@ pub fn write_charts(results: &Results) -> Result<ChartFiles, String> {
     Ok(files)
 }
 
-impl Chart {
+impl<'a> Chart<'a> {
     /// `None` if no row has both a time and the error.
-    fn new(scene: &str, subtitle: &str, kind: &Kind, rows: &[&Row]) -> Option<Self> {
-        let mut chart = Self {
-            title: format!("{scene}: error of the {} against GPU time", kind.word),
-            subtitle: subtitle.to_owned(),
-            error_name: format!("mean FLIP of the {} against the ground truth", kind.name),
-            points: Vec::new(),
-            levels: Vec::new(),
-        };
-        for row in rows {
+    fn new(scene: &str, subtitle: &str, kind: &'a Kind, rows: &[&'a Row]) -> Option<Self> {
+        let (mut points, mut levels) = (Vec::new(), Vec::new());
+        for &row in rows {
             let Some(error) = (kind.error)(row).filter(|value| value.is_finite()) else {
                 continue;
             };
             match row.total_ms {
-                Some(time) if time > 0.0 && time.is_finite() => chart.points.push(Point {
-                    label: row.label(),
-                    time,
-                    time_range: row.total_low_ms.zip(row.total_high_ms),
-                    error,
-                    error_range: (kind.range)(row),
-                    family: Family::of(&row.technique),
-                    dominated: kind.dominates && row.is_dominated(),
-                }),
-                _ if row.technique == "off" => chart.levels.push((row.label(), error)),
+                Some(time) if time > 0.0 && time.is_finite() => points.push(Point { row, time, error }),
+                _ if row.technique == "off" => levels.push((row.label(), error)),
                 _ => {}
             }
         }
-        (!chart.points.is_empty()).then_some(chart)
+        (!points.is_empty()).then(|| Self {
+            title: format!("{scene}: error of the {} against GPU time", kind.word),
+            subtitle: subtitle.to_owned(),
+            kind,
+            points,
+            levels,
+        })
+    }
+
+    fn is_dominated(&self, point: &Point) -> bool {
+        self.kind.dominates && point.row.is_dominated()
     }
 }
 
@@ -198,7 +191,7 @@ struct Frame {
 impl Frame {
     fn new(chart: &Chart) -> Self {
         let times = chart.points.iter().flat_map(|point| {
-            let (low, high) = point.time_range.unwrap_or((point.time, point.time));
+            let (low, high) = point.row.time_interval().unwrap_or((point.time, point.time));
             [point.time, low, high]
         });
         let positive = times.filter(|time| time.is_finite() && *time > 0.0);
@@ -270,7 +263,7 @@ fn draw(area: &Area<'_>, chart: &Chart) -> Drawn {
         .label_style(letters(13.0, &INK, HPos::Center, VPos::Center))
         .axis_desc_style(letters(14.0, &INK, HPos::Center, VPos::Center))
         .x_desc("GPU time per frame, ms (logarithmic)")
-        .y_desc(&chart.error_name)
+        .y_desc(format!("mean FLIP of the {} against the ground truth", chart.kind.name))
         .draw()?;
     for (label, level) in &chart.levels {
         let line = [(low, *level), (high, *level)];
@@ -293,12 +286,12 @@ fn points<'a>(plot: &mut Plot<'a>, frame: &Frame, chart: &Chart) -> Drawn {
     });
     plot.draw_series(LineSeries::new(steps, FRONT.stroke_width(2)))?;
     for (index, point) in chart.points.iter().enumerate() {
-        let (time, error, color) = (point.time, point.error, point.family.color());
-        let errors = point.error_range.map(|range| {
+        let (time, error, color) = (point.time, point.error, point.family().color());
+        let errors = (chart.kind.range)(point.row).map(|range| {
             let inside = |error: f64| error.clamp(0.0, frame.error);
             [(time, inside(range.0)), (time, inside(range.1))]
         });
-        let times = point.time_range.map(|range| {
+        let times = point.row.time_interval().map(|range| {
             let inside = |time: f64| time.clamp(frame.time.0, frame.time.1);
             [(inside(range.0), error), (inside(range.1), error)]
         });
@@ -311,7 +304,7 @@ fn points<'a>(plot: &mut Plot<'a>, frame: &Frame, chart: &Chart) -> Drawn {
             vec![inside, Circle::new((time, error), 6, color.stroke_width(2))]
         };
         plot.draw_series(circles)?;
-        if point.dominated {
+        if chart.is_dominated(point) {
             plot.draw_series([Cross::new((time, error), 10, color.stroke_width(2))])?;
         }
     }
@@ -337,8 +330,9 @@ fn labels(area: &Area<'_>, plot: &Plot<'_>, chart: &Chart) -> Drawn {
     let mut taken: Vec<Rectangle> = markers.iter().map(|(x, y)| (x - 9, y - 9, x + 9, y + 9)).collect();
     let inside = (LEFT, TOP - 14, SIZE.0 as i32 - 4, SIZE.1 as i32 - BOTTOM);
     for (point, &(x, y)) in chart.points.iter().zip(&markers) {
-        let style = letters(LABEL, &point.family.color(), HPos::Left, VPos::Center);
-        let (width, half) = (area.estimate_text_size(&point.label, &style)?.0 as i32, 9);
+        let style = letters(LABEL, &point.family().color(), HPos::Left, VPos::Center);
+        let label = point.row.label();
+        let (width, half) = (area.estimate_text_size(&label, &style)?.0 as i32, 9);
         // Right, left, above, below, then farther away.
         let spots = [0, 20, -20, 40, -40, 60, -60].into_iter().flat_map(|dy| {
             [
@@ -363,7 +357,7 @@ fn labels(area: &Area<'_>, plot: &Plot<'_>, chart: &Chart) -> Drawn {
             let near = (spot.0.max(x.min(spot.0 + width)), spot.1);
             area.draw(&PathElement::new([(x, y), near], RGBColor(190, 190, 190)))?;
         }
-        area.draw_text(&point.label, &style, spot)?;
+        area.draw_text(&label, &style, spot)?;
     }
     Ok(())
 }
@@ -374,7 +368,7 @@ fn legend(area: &Area<'_>, chart: &Chart) -> Drawn {
     let style = letters(13.0, &GRAY, HPos::Left, VPos::Center);
     let mut x = LEFT;
     for family in [Family::Paper, Family::Own, Family::Other] {
-        if !chart.points.iter().any(|point| point.family == family) {
+        if !chart.points.iter().any(|point| point.family() == family) {
             continue;
         }
         area.draw(&Circle::new((x + 6, Y), 5, family.color().filled()))?;
@@ -384,7 +378,7 @@ fn legend(area: &Area<'_>, chart: &Chart) -> Drawn {
     area.draw(&PathElement::new([(x, Y), (x + 26, Y)], FRONT.stroke_width(2)))?;
     let text = "Pareto front (filled): nothing is both faster and closer";
     area.draw_text(text, &style, (x + 34, Y))?;
-    if chart.points.iter().any(|point| point.dominated) {
+    if chart.points.iter().any(|point| chart.is_dominated(point)) {
         x += 52 + area.estimate_text_size(text, &style)?.0 as i32;
         area.draw(&Cross::new((x, Y), 6, GRAY.stroke_width(2)))?;
         area.draw_text("dominated", &style, (x + 12, Y))?;
@@ -407,14 +401,15 @@ mod tests {
         rows.into_iter().chain(others).map(row).collect()
     }
 
-    fn chart(rows: &[Row]) -> Option<Chart> {
+    fn chart(rows: &[Row]) -> Option<Chart<'_>> {
         let rows: Vec<&Row> = rows.iter().collect();
         Chart::new("atrium", "a <GPU> & more", &KINDS[0], &rows)
     }
 
     #[test]
     fn a_chart_names_every_technique() {
-        let chart = chart(&rows()).unwrap();
+        let rows = rows();
+        let chart = chart(&rows).unwrap();
         assert_eq!((chart.points.len(), chart.levels.len()), (5, 1));
         let text = svg(&chart).unwrap();
         assert!(text.starts_with("<svg") && text.trim_end().ends_with("</svg>"));
@@ -432,12 +427,13 @@ mod tests {
     fn without_times_there_is_no_chart() {
         let mut rows = rows();
         rows.iter_mut().for_each(|row| row.total_ms = None);
-        assert_eq!(chart(&rows), None);
+        assert!(chart(&rows).is_none());
     }
 
     #[test]
     fn a_single_point_can_be_drawn() {
-        let mut chart = chart(&rows()).unwrap();
+        let rows = rows();
+        let mut chart = chart(&rows).unwrap();
         chart.points.truncate(1);
         chart.levels.clear();
         chart.points[0].error = 0.0;

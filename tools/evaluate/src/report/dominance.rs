@@ -132,6 +132,9 @@ mod tests {
     use crate::stats::normal;
     use glint_scenes::Random;
 
+    /// Errors in views of different difficulty.
+    const PLACES: [f64; 5] = [0.02, 0.05, 0.09, 0.03, 0.07];
+
     /// Errors of a technique in views of different difficulty.
     fn views(random: &mut Random, places: &[f64], factor: f64, noise: f64) -> Vec<Vec<f64>> {
         let mut run = |place: f64| place * factor * (1.0 + noise * normal(random));
@@ -181,20 +184,14 @@ mod tests {
         let (mut held, mut held_ratio, mut held_runs) = (0, 0, 0);
         for _ in 0..trials {
             let places: Vec<f64> = (0..5).map(|_| 0.05 + 0.01 * normal(&mut random)).collect();
-            let (a, b) = (
-                views(&mut random, &places, 0.8, 0.05),
-                views(&mut random, &places, 1.0, 0.05),
-            );
+            let [a, b] = [0.8, 1.0].map(|factor| views(&mut random, &places, factor, 0.05));
             let holds = |found: Option<Estimate>, value: f64| {
                 let (low, high) = found.unwrap().interval.unwrap();
                 u32::from((low..=high).contains(&value))
             };
             held += holds(mean_error(&b), 0.05);
             held_ratio += holds(error_ratio(&a, &b), 0.8);
-            let (a, b) = (
-                views(&mut random, &[0.05], 0.8, 0.05),
-                views(&mut random, &[0.05], 1.0, 0.05),
-            );
+            let [a, b] = [0.8, 1.0].map(|factor| views(&mut random, &[0.05], factor, 0.05));
             held_runs += holds(error_ratio(&a, &b), 0.8);
         }
         for held in [held, held_ratio, held_runs] {
@@ -206,11 +203,7 @@ mod tests {
     #[test]
     fn pairing_sees_through_hard_places() {
         let mut random = Random::new(4);
-        let places = [0.02, 0.05, 0.09, 0.03, 0.07];
-        let (a, b) = (
-            views(&mut random, &places, 0.9, 0.01),
-            views(&mut random, &places, 1.0, 0.01),
-        );
+        let [a, b] = [0.9, 1.0].map(|factor| views(&mut random, &PLACES, factor, 0.01));
         let ratio = error_ratio(&a, &b).unwrap();
         let (low, high) = ratio.interval.unwrap();
         assert!(
@@ -226,9 +219,8 @@ mod tests {
     #[test]
     fn what_is_beaten_beyond_the_intervals_is_dominated() {
         let mut random = Random::new(8);
-        let places = [0.02, 0.05, 0.09, 0.03, 0.07];
         let mut of =
-            |technique: &str, time: f64, factor: f64| row(technique, time, &views(&mut random, &places, factor, 0.01));
+            |technique: &str, time: f64, factor: f64| row(technique, time, &views(&mut random, &PLACES, factor, 0.01));
         let mut rows = vec![
             of("off", 0.0, 2.0),
             of("reference", 2.0, 0.8),
@@ -266,12 +258,11 @@ mod tests {
     #[test]
     fn ratios_to_different_references_are_not_compared() {
         let mut random = Random::new(9);
-        let places = [0.02, 0.05, 0.09, 0.03, 0.07];
         let mut of = |technique: &str, tracer: &str, time: f64, reference: f64, factor: f64| Row {
             tracer: tracer.into(),
             ratio_low: Some(0.99 * time / reference),
             ratio_high: Some(1.01 * time / reference),
-            ..row(technique, time, &views(&mut random, &places, factor, 0.01))
+            ..row(technique, time, &views(&mut random, &PLACES, factor, 0.01))
         };
         // The reference takes 2 ms with one tracer, and 0.4 ms with the other.
         let mut rows = [

@@ -2,7 +2,7 @@
 
 use super::{
     markdown::{number, signed, table},
-    rows::{Keyed, Row, scenes},
+    rows::{Keyed, Row, scenes, unique},
 };
 use crate::stats::mean;
 use glint_scenes::SceneName;
@@ -62,13 +62,7 @@ pub fn section(rows: &[Row]) -> String {
         "-" => row.label(),
         tracer => format!("{}, {tracer}", row.label()),
     };
-    let mut labels: Vec<String> = Vec::new();
-    for row in rows.iter().filter(is_shown) {
-        let label = label(row);
-        if !labels.contains(&label) {
-            labels.push(label);
-        }
-    }
+    let labels = unique(rows.iter().filter(is_shown).map(label));
     let of = |scene: &str, name: &String| -> Values {
         let row = rows
             .iter()

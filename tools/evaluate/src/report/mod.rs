@@ -11,7 +11,6 @@ mod output;
 mod paper;
 mod readme;
 pub mod regressions;
-pub mod results;
 pub mod rows;
 pub mod summary;
 pub mod table;

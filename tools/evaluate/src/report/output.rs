@@ -3,10 +3,9 @@
 use super::{
     charts::write_charts,
     held_out, readme,
-    results::Results,
     rows::to_csv,
     table,
-    tables::{OBJECTS, ROWS, SPLITS, Tables},
+    tables::{OBJECTS, ROWS, Results, SPLITS, Tables},
 };
 use crate::files::{write_json, write_text};
 use serde::Serialize;

@@ -4,7 +4,7 @@
 use super::{
     charts::ChartFiles,
     markdown::{number, table},
-    rows::{Keyed, Row, of_scene, on_front, scenes},
+    rows::{Keyed, Row, of_scene, on_front, scenes, unique},
 };
 use crate::{job::TECHNIQUES, machine::Machine, protocol::Protocol};
 
@@ -45,14 +45,9 @@ fn techniques(rows: &[Row]) -> String {
         _ => format!("`{}`", row.label()),
     };
     let scenes = scenes(rows);
-    let mut lines: Vec<(usize, Vec<String>)> = Vec::new();
-    for row in rows.iter().filter(|row| row.is_ok()) {
-        let place = TECHNIQUES.iter().position(|technique| *technique == row.technique);
-        let line = (place.unwrap_or(TECHNIQUES.len()), vec![name(row)]);
-        if !lines.contains(&line) {
-            lines.push(line);
-        }
-    }
+    let place = |row: &Row| TECHNIQUES.iter().position(|technique| *technique == row.technique);
+    let measured = rows.iter().filter(|row| row.is_ok());
+    let mut lines = unique(measured.map(|row| (place(row).unwrap_or(TECHNIQUES.len()), vec![name(row)])));
     lines.sort_by_key(|(place, _)| *place);
     let mut names = vec![String::new()];
     for scene in scenes {

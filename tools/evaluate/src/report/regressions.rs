@@ -122,13 +122,8 @@ pub fn compare(old: &[Row], new: &[Row]) -> Comparison {
     }
     for before in old {
         let Some(after) = new.iter().find(|row| row.key() == before.key()) else {
-            comparison.add(
-                before,
-                Verdict::Absent,
-                "outcome",
-                before.outcome.to_string(),
-                String::new(),
-            );
+            let outcome = before.outcome.to_string();
+            comparison.add(before, Verdict::Absent, "outcome", outcome, String::new());
             continue;
         };
         match (before.outcome, after.outcome) {
@@ -161,22 +156,20 @@ impl Comparison {
 
     fn compare_rows(&mut self, before: &Row, after: &Row) {
         let size = |row: &Row| format!("{}x{}", row.width, row.height);
-        let conditions: [(&str, fn(&Row) -> String); 2] = [
-            ("adapter", |row| row.adapter.clone()),
-            ("samples", |row| row.samples.to_string()),
-        ];
         if size(before) != size(after) {
             self.add(after, Verdict::Other, "size", size(before), size(after));
             return;
         }
         self.compared += 1;
-        for (measure, get) in conditions {
-            if get(before) != get(after) {
-                self.add(after, Verdict::Other, measure, get(before), get(after));
-            }
-        }
         if before.adapter == after.adapter {
             self.compare_times(before, after);
+        } else {
+            let [old, new] = [before, after].map(|row| row.adapter.clone());
+            self.add(after, Verdict::Other, "adapter", old, new);
+        }
+        if before.samples != after.samples {
+            let [old, new] = [before, after].map(|row| row.samples.to_string());
+            self.add(after, Verdict::Other, "samples", old, new);
         }
         for measure in &MEASURES {
             let (Some(old), Some(new)) = ((measure.get)(before), (measure.get)(after)) else {

@@ -5,7 +5,7 @@ use crate::{
     stats::{Estimate, pareto_front},
 };
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
-use std::{collections::BTreeSet, path::Path};
+use std::path::Path;
 use strum::Display;
 
 /// Outcome of a row.
@@ -122,6 +122,11 @@ impl Row {
         self.ratio_low.zip(self.ratio_high)
     }
 
+    /// The interval of the time.
+    pub fn time_interval(&self) -> Option<(f64, f64)> {
+        self.total_low_ms.zip(self.total_high_ms)
+    }
+
     /// The interval of the reflection's error.
     pub fn reflection_interval(&self) -> Option<(f64, f64)> {
         self.flip_reflection_low.zip(self.flip_reflection_high)
@@ -182,11 +187,20 @@ pub fn sort(rows: &mut [Row]) {
     });
 }
 
+/// The items in their order, each once.
+pub fn unique<T: PartialEq>(items: impl IntoIterator<Item = T>) -> Vec<T> {
+    let mut unique = Vec::new();
+    for item in items {
+        if !unique.contains(&item) {
+            unique.push(item);
+        }
+    }
+    unique
+}
+
 /// Scenes in the order of rows, each once.
 pub fn scenes<'a>(rows: impl IntoIterator<Item = &'a Row>) -> Vec<&'a str> {
-    let mut seen = BTreeSet::new();
-    let scenes = rows.into_iter().map(|row| row.scene.as_str());
-    scenes.filter(|scene| seen.insert(*scene)).collect()
+    unique(rows.into_iter().map(|row| row.scene.as_str()))
 }
 
 /// The measured rows of a scene.
@@ -207,12 +221,8 @@ pub fn on_front(rows: &[&Row]) -> Vec<bool> {
 
 /// Columns of an estimate: the value, and the lower and upper end of its interval.
 pub fn columns(estimate: Option<Estimate>, digits: i32) -> [Option<f64>; 3] {
-    let interval = estimate.and_then(|estimate| estimate.interval);
-    let values = [
-        estimate.map(|estimate| estimate.value),
-        interval.map(|(low, _)| low),
-        interval.map(|(_, high)| high),
-    ];
+    let (low, high) = estimate.and_then(|estimate| estimate.interval).unzip();
+    let values = [estimate.map(|estimate| estimate.value), low, high];
     values.map(|value| value.map(|value| significant(value, digits)))
 }
 

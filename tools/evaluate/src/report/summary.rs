@@ -5,9 +5,8 @@ use super::{
     decomposition, held_out,
     markdown::{Column, number, percent, range, section, signed, table},
     objects, paper,
-    results::Results,
     rows::{Keyed, Row, of_scene, on_front, scenes},
-    tables::Tables,
+    tables::{Results, Tables},
 };
 use crate::{machine::Machine, protocol::Protocol, state::SceneFacts, stats::quantile};
 use std::{collections::BTreeMap, fmt::Write};
@@ -40,9 +39,7 @@ const SCENE: [Column<Row>; 18] = [
     ("technique", Row::label),
     ("tracer", |row| row.tracer.clone()),
     ("ms", |row| number(row.total_ms, 3)),
-    ("95 % sure", |row| {
-        range(row.total_low_ms.zip(row.total_high_ms), |ms| number(ms, 3))
-    }),
+    ("95 % sure", |row| range(row.time_interval(), |ms| number(ms, 3))),
     ("p95", |row| number(row.total_p95_ms, 3)),
     ("of `reference`", |row| {
         percent(hundredfold(row.ratio, 1)) + if is_uncertain(row) { " ?" } else { "" }

@@ -21,9 +21,9 @@ use std::{collections::BTreeMap, path::Path};
 /// Digits of the values in files.
 const DIGITS: i32 = 5;
 
-/// The rows of a job. `failure` is the reason why the whole job ended early, if it did, and `problems` lists the images that could not
-/// be compared.
-pub fn rows(job: &Job, machine: &Machine, log: &ComparisonLog, failure: Option<&str>, problems: &Problems) -> Vec<Row> {
+/// The tables of a job. `failure` is the reason why the whole job ended early, if it did, and `problems` lists the images that could not be
+/// compared.
+pub fn of_job(job: &Job, machine: &Machine, log: &ComparisonLog, failure: Option<&str>, problems: &Problems) -> Tables {
     let store = Store::new(job);
     let rounds: Vec<Round> = (0..job.protocol.rounds())
         .filter_map(|round| read_json(&store.round(round)))
@@ -31,56 +31,43 @@ pub fn rows(job: &Job, machine: &Machine, log: &ComparisonLog, failure: Option<&
     let facts: SceneFacts = read_json(&store.facts()).unwrap_or_default();
     let failures = store.failures();
     let true_sums = true_sums(job);
-    job.variants
-        .iter()
-        .map(|variant| {
-            let mut row = empty(job, variant, machine);
-            if !facts.adapter.is_empty() {
-                row.adapter.clone_from(&facts.adapter);
-            }
-            times(&mut row, variant, &rounds);
-            let (name, id) = (job.id(), variant.id());
-            let captured = store.load_captured(variant);
-            let errors = captured
-                .as_ref()
-                .and_then(|captured| log.errors(&name, &id, captured.stamp, job.protocol.views));
-            let complete = row.frames > 0 && errors.is_some();
-            if let Some(captured) = captured {
-                row.flicker = mean(&captured.flicker).map(|value| significant(value, DIGITS));
-                row.nonfinite = Some(captured.nonfinite);
-                light(&mut row, &true_sums, &captured.light);
-            }
-            if let Some(errors) = errors {
-                scores(&mut row, &errors);
-            }
-            if let Some(reason) = failures.get(&id) {
-                row.outcome = Outcome::Failed;
-                row.note.clone_from(reason);
-            } else if !complete {
-                let problem = problems.get(&(name, id)).map(String::as_str);
-                row.outcome = Outcome::Failed;
-                row.note = problem
-                    .or(failure)
-                    .unwrap_or("it was not measured to the end")
-                    .to_owned();
-            }
-            row
-        })
-        .collect()
-}
-
-/// The tables of a job, with its rows.
-pub fn tables(job: &Job, rows: Vec<Row>) -> Tables {
-    let store = Store::new(job);
-    let truth = true_sums(job);
-    let (mut objects, mut splits) = (Vec::new(), Vec::new());
-    for (variant, row) in job.variants.iter().zip(&rows) {
-        if let Some(captured) = store.load_captured(variant) {
-            objects.extend(objects::rows(row, &truth, &captured.light));
-            splits.extend(decomposition::rows(row, &captured.splits, job.protocol.runs));
+    let mut tables = Tables::default();
+    for variant in &job.variants {
+        let mut row = empty(job, variant, machine);
+        if !facts.adapter.is_empty() {
+            row.adapter.clone_from(&facts.adapter);
         }
+        times(&mut row, variant, &rounds);
+        let (name, id) = (job.id(), variant.id());
+        let captured = store.load_captured(variant);
+        let errors = captured
+            .as_ref()
+            .and_then(|captured| log.errors(&name, &id, captured.stamp, job.protocol.views));
+        let complete = row.frames > 0 && errors.is_some();
+        if let Some(captured) = captured {
+            row.flicker = mean(&captured.flicker).map(|value| significant(value, DIGITS));
+            row.nonfinite = Some(captured.nonfinite);
+            light(&mut row, &true_sums, &captured.light);
+            let objects = objects::rows(&row, &true_sums, &captured.light);
+            tables.objects.extend(objects);
+            let splits = decomposition::rows(&row, &captured.splits, job.protocol.runs);
+            tables.splits.extend(splits);
+        }
+        if let Some(errors) = errors {
+            scores(&mut row, &errors);
+        }
+        if let Some(reason) = failures.get(&id) {
+            row.outcome = Outcome::Failed;
+            row.note.clone_from(reason);
+        } else if !complete {
+            let problem = problems.get(&(name, id)).map(String::as_str);
+            let note = problem.or(failure).unwrap_or("it was not measured to the end");
+            row.outcome = Outcome::Failed;
+            row.note = note.to_owned();
+        }
+        tables.rows.push(row);
     }
-    Tables { rows, objects, splits }
+    tables
 }
 
 fn true_sums(job: &Job) -> Vec<TrueSums> {
@@ -324,11 +311,11 @@ mod tests {
             write_json(&store.captured(variant), &Captured::default()).unwrap();
         }
         write_json(&store.round(0), &round(&[("low", &[1.0]), ("high", &[2.0])])).unwrap();
-        let log = ComparisonLog::open(ComparisonLog::file_in(out));
+        let log = ComparisonLog::open(out);
         let key = (job.id(), "low".to_owned(), 0);
         log.append(&key, &Entry::default()).unwrap();
         let problems = BTreeMap::from([(("atrium".to_owned(), "high".to_owned()), "an image is gone".to_owned())]);
-        let rows = rows(&job, &Machine::default(), &log, Some("it was cancelled"), &problems);
+        let rows = of_job(&job, &Machine::default(), &log, Some("it was cancelled"), &problems).rows;
         assert!(rows[0].is_ok() && rows[0].nonfinite == Some(0), "{:?}", rows[0]);
         assert_eq!((rows[1].is_ok(), rows[1].note.as_str()), (false, "an image is gone"));
         assert!(facts(out, &rows).contains_key("atrium"));

@@ -1,4 +1,4 @@
-//! All tables of a folder of results.
+//! All tables of a folder of results, and everything else that was measured.
 
 use super::{
     decomposition::SplitRow,
@@ -6,6 +6,7 @@ use super::{
     objects::ObjectRow,
     rows::{self, Row, replace},
 };
+use crate::{machine::Machine, protocol::Protocol};
 use serde::de::DeserializeOwned;
 use std::path::Path;
 
@@ -25,6 +26,18 @@ pub struct Tables {
     pub objects: Vec<ObjectRow>,
     /// Rows about noise and bias.
     pub splits: Vec<SplitRow>,
+}
+
+/// Everything that was measured, for the writers of results.
+pub struct Results<'a> {
+    /// The folder of results.
+    pub out: &'a Path,
+    /// The machine.
+    pub machine: &'a Machine,
+    /// How much was measured.
+    pub protocol: &'a Protocol,
+    /// All rows.
+    pub tables: &'a Tables,
 }
 
 impl Tables {

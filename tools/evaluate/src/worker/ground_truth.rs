@@ -77,7 +77,7 @@ impl GroundTruth {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{compare::image::gray, protocol::Protocol};
+    use crate::compare::image::gray;
 
     #[test]
     fn a_ground_truth_is_found_again_and_no_other() {
@@ -93,11 +93,8 @@ mod tests {
         truth.save(&converged).unwrap();
         assert_eq!(truth.load(), Some(converged));
         assert!(GroundTruth::new(&job, "atrium", "view 1", "GPU").load().is_none());
-        let protocol = Protocol {
-            samples: 9999,
-            ..job.protocol.clone()
-        };
-        let finer = Job { protocol, ..job };
+        let mut finer = job;
+        finer.protocol.samples = 9999;
         assert!(GroundTruth::new(&finer, "atrium", "view 0", "GPU").load().is_none());
     }
 }

@@ -89,11 +89,8 @@ impl Runner<'_> {
         self.pose(seconds);
         let specular_map = specular_map.clone();
         let world = self.app.world();
-        let light = match world.get::<EnvironmentMapLight>(self.camera) {
-            Some(light) => EnvironmentMapLight {
-                specular_map,
-                ..light.clone()
-            },
+        let light = match world.get::<EnvironmentMapLight>(self.camera).cloned() {
+            Some(light) => EnvironmentMapLight { specular_map, ..light },
             // Brightness that the camera shows as 1.
             None => EnvironmentMapLight {
                 diffuse_map: self.black.clone(),
@@ -111,9 +108,14 @@ impl Runner<'_> {
 
     /// The scene's own environment again.
     fn leave_environment(&mut self) {
-        match self.environment.clone() {
-            Some(light) => self.camera().insert(light),
-            None => self.camera().remove::<EnvironmentMapLight>(),
+        self.restore(self.environment.clone());
+    }
+
+    /// Gives the camera its own component back, or removes that of the measurement if it has none.
+    fn restore<C: Component>(&mut self, own: Option<C>) {
+        match own {
+            Some(own) => self.camera().insert(own),
+            None => self.camera().remove::<C>(),
         };
     }
 
@@ -168,10 +170,7 @@ impl Runner<'_> {
         self.wait_until_ready(true)?;
         self.step(LEAD_FRAMES);
         let frame = self.capture_luminance();
-        match own {
-            Some(fog) => self.camera().insert(fog),
-            None => self.camera().remove::<DistanceFog>(),
-        };
+        self.restore(own);
         frame
     }
 

@@ -1,13 +1,10 @@
 //! Tests that a frame after some motion and its ground truth show the same instant.
 
-use super::{
-    runner::{Runner, TIME_STEP},
-    tests::unless_skipped,
-};
+use super::runner::{Runner, TIME_STEP};
 use crate::{
     compare::reflected_light::TrueLight,
-    job::{Job, SceneSource, TracerName, Variant},
-    protocol::Protocol,
+    job::{Job, SceneSource, Variant},
+    machine::unless_skipped,
     techniques,
 };
 
@@ -29,18 +26,10 @@ fn darker(a: &[f32], b: &[f32]) -> f32 {
 #[test]
 fn frame_and_truth_show_the_same_instant() {
     let out = tempfile::tempdir().unwrap();
-    let job = Job::example(out.path(), &["reference"]);
-    let protocol = Protocol {
-        samples: 2,
-        motion_frames: 8,
-        ..job.protocol.clone()
-    };
-    let job = Job {
-        scene: SceneSource::BuiltIn("temple_moving".into()),
-        tracer: TracerName::Bvh,
-        protocol,
-        ..job
-    };
+    let mut job = Job::example(out.path(), &["reference"]);
+    job.scene = SceneSource::BuiltIn("temple_moving".into());
+    job.protocol.samples = 2;
+    job.protocol.motion_frames = 8;
     let Some(mut runner) = unless_skipped(Runner::start(&job)) else {
         return;
     };

@@ -31,48 +31,26 @@ pub fn work(job: &Job) -> Result<(), String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::files::read_json;
     use crate::{
         compare::log::ComparisonLog,
-        job::{SceneSource, TracerName},
-        machine::Machine,
-        protocol::Protocol,
+        files::read_json,
+        job::SceneSource,
+        machine::{Machine, unless_skipped},
         report::table,
         state::{Captured, Store, TrueSums},
     };
     use std::collections::BTreeMap;
 
-    /// `None` on a machine without a GPU, unless it is required.
-    pub fn unless_skipped<T>(outcome: Result<T, String>) -> Option<T> {
-        match outcome {
-            Err(reason) if reason.contains("no graphics device") => {
-                let required = std::env::var_os("GLINT_REQUIRE_GPU").is_some();
-                assert!(!required, "a GPU is required, but: {reason}");
-                println!("skipped: {reason}");
-                None
-            }
-            outcome => Some(outcome.unwrap()),
-        }
-    }
-
     #[test]
     #[ignore = "long: 128 frames of truth"]
     fn light_is_measured_from_frames() {
         let out = tempfile::tempdir().unwrap();
-        let job = Job::example(out.path(), &["off", "reference"]);
-        let protocol = Protocol {
-            still_views: 1,
-            runs: 2,
-            samples: 128,
-            motion_frames: 16,
-            ..job.protocol.clone()
-        };
-        let job = Job {
-            scene: SceneSource::BuiltIn("shapes".into()),
-            tracer: TracerName::Bvh,
-            protocol,
-            ..job
-        };
+        let mut job = Job::example(out.path(), &["off", "reference"]);
+        job.scene = SceneSource::BuiltIn("shapes".into());
+        job.protocol.still_views = 1;
+        job.protocol.runs = 2;
+        job.protocol.samples = 128;
+        job.protocol.motion_frames = 16;
         if unless_skipped(work(&job)).is_none() {
             return;
         }
@@ -84,17 +62,11 @@ mod tests {
         assert_eq!(truth.names.len(), 15, "{:?}", truth.names);
         let light = |named: bool| -> f64 {
             let cells = truth.objects.iter().zip(&truth.halves[0]);
-            cells
-                .filter(|(object, _)| (**object > 0) == named)
-                .map(|(_, light)| light)
-                .sum()
+            let cells = cells.filter(|(object, _)| (**object > 0) == named);
+            cells.map(|(_, light)| light).sum()
         };
-        assert!(
-            light(false).abs() < 0.02 * light(true),
-            "{} and {}",
-            light(false),
-            light(true)
-        );
+        let (named, other) = (light(true), light(false));
+        assert!(other.abs() < 0.02 * named, "{other} and {named}");
         let captured: Captured = store.load_captured(&job.variants[1]).unwrap();
         let [view] = &captured.light[..] else {
             panic!("{} views", captured.light.len())
@@ -105,8 +77,8 @@ mod tests {
         );
         assert!(view.still.len() == 2 && view.still[0] != view.still[1]);
 
-        let log = ComparisonLog::open(ComparisonLog::file_in(out.path()));
-        let rows = table::rows(&job, &Machine::default(), &log, None, &BTreeMap::new());
+        let log = ComparisonLog::open(out.path());
+        let rows = table::of_job(&job, &Machine::default(), &log, None, &BTreeMap::new()).rows;
         println!("{rows:#?}");
         let [off, reference] = [0, 1].map(|index| rows[index].static_light_bias_percent.unwrap());
         assert!(rows[1].truth_halves_percent.unwrap().abs() < 1.0);

@@ -68,6 +68,20 @@ fn text(error: HeadlessError) -> String {
     error.to_string()
 }
 
+/// Waits a moment for meshes and pipelines; fails if they take too long since `start`.
+fn wait(start: Instant, report: &ReflectionStatusReport) -> Result<(), String> {
+    if start.elapsed() > PATIENCE {
+        return Err(format!(
+            "it was not ready after {} seconds: {} meshes are missing, and pipelines are {}",
+            PATIENCE.as_secs(),
+            report.meshes_pending,
+            if report.ready { "ready" } else { "not ready" }
+        ));
+    }
+    std::thread::sleep(Duration::from_millis(5));
+    Ok(())
+}
+
 impl<'a> Runner<'a> {
     /// Opens the GPU and builds the scene.
     pub fn start(job: &'a Job) -> Result<Self, String> {
@@ -161,15 +175,7 @@ impl<'a> Runner<'a> {
             let complete = report.ready && report.meshes_pending == 0 && report.instances > 0;
             quiet = if same && complete { quiet + 1 } else { 0 };
             if !complete {
-                if start.elapsed() > PATIENCE {
-                    return Err(format!(
-                        "the scene was not ready after {} seconds: {} meshes are missing, and pipelines are {}",
-                        PATIENCE.as_secs(),
-                        report.meshes_pending,
-                        if report.ready { "ready" } else { "not ready" }
-                    ));
-                }
-                std::thread::sleep(Duration::from_millis(5));
+                wait(start, &report)?;
             }
             before = report;
         }
@@ -206,13 +212,7 @@ impl<'a> Runner<'a> {
             if report.ready && report.meshes_pending == 0 {
                 return Ok(());
             }
-            if start.elapsed() > PATIENCE {
-                return Err(format!(
-                    "its pipelines were not ready after {} seconds",
-                    PATIENCE.as_secs()
-                ));
-            }
-            std::thread::sleep(Duration::from_millis(5));
+            wait(start, &report)?;
             self.app.step(1);
             self.app.check().map_err(text)?;
         }
