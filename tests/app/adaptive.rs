@@ -1,16 +1,13 @@
 //! Rates that follow the remaining noise, over frames.
 
-use crate::{
-    common::app,
-    pictures::{COARSE, use_coarse_shadow_maps, warm_up},
-};
+use crate::pictures::{COARSE, linear_app, use_coarse_shadow_maps, warm_up};
 use bevy::{math::UVec2, prelude::*};
 use bevy_glint::{
-    RayTracedReflections, ReflectionTracerChoice, ShadingRateHeuristic,
+    RayTracedReflections, ShadingRateHeuristic,
     internals::{RATE_ACTIVE, Target, readback},
     named_settings,
 };
-use glint_scenes::{HeadlessApp, Output, SceneName};
+use glint_scenes::{HeadlessApp, SceneName};
 
 const SIZE: UVec2 = UVec2::new(208, 117);
 /// Word of the indirect arguments with the number of rays of blocks.
@@ -54,9 +51,7 @@ fn watch(
 /// No tile's step goes up and down from frame to frame, and calm images take fewer rays than a quarter of their pixels.
 #[test]
 fn rates_settle() {
-    let Some(mut app) = app(SIZE, Output::Linear, ReflectionTracerChoice::Bvh) else {
-        return;
-    };
+    let Some(mut app) = linear_app(SIZE) else { return };
     use_coarse_shadow_maps(&mut app);
     let camera = app.spawn_scene(SceneName::AtriumSmall, &COARSE);
     let (settings, heuristic) = named_settings("vrs-adaptive").unwrap();

@@ -1,16 +1,12 @@
 //! Levels that arrive: rays soon hit everything that fits, and the status reports the rest.
 
 use crate::{
-    common::app_of,
-    pictures::{apps, reflect},
-    stage::{BEFORE_THE_MIRROR, SIZE, metal, report, spawn_camera, spawn_mesh, unlit, wall},
+    pictures::{app_of_device, apps, limited, reflect},
+    stage::{SIZE, report, spawn_mesh, spawn_mirror, unlit, until},
 };
-use bevy::{
-    prelude::*,
-    render::settings::{WgpuLimits, WgpuSettings},
-};
-use bevy_glint::{ReflectionTechnique, ReflectionTracerChoice};
-use glint_scenes::{HeadlessApp, HeadlessSettings, Output, SceneName};
+use bevy::{prelude::*, render::settings::WgpuLimits};
+use bevy_glint::ReflectionTechnique;
+use glint_scenes::{HeadlessApp, Output, SceneName};
 use std::time::{Duration, Instant};
 
 /// An app with a mirror, and with this number of spheres of 16,000 triangles that have just arrived.
@@ -19,17 +15,8 @@ fn level(spheres: usize, bytes: u64) -> Option<HeadlessApp> {
         max_storage_buffer_binding_size: bytes,
         ..WgpuLimits::unlimited()
     };
-    let settings = HeadlessSettings {
-        size: SIZE / 4,
-        device: WgpuSettings {
-            constrained_limits: Some(limits),
-            ..default()
-        },
-        ..default()
-    };
-    let mut app = app_of(settings, ReflectionTracerChoice::Bvh, |_| {}, |_| {})?;
-    spawn_mesh(&mut app, wall(), metal(0.0), Transform::IDENTITY);
-    let camera = spawn_camera(&mut app, BEFORE_THE_MIRROR, SceneName::MirrorRoom);
+    let mut app = app_of_device(SIZE / 4, limited(limits))?;
+    let camera = spawn_mirror(&mut app, 0.0, SceneName::MirrorRoom);
     reflect(&mut app, camera, ReflectionTechnique::Reference);
     for index in 0..spheres {
         let place = Transform::from_xyz(index as f32, 0.0, 6.0);
@@ -66,16 +53,14 @@ fn meshes_that_find_no_room_are_told() {
     const LEFT: usize = 4;
     // A sphere uses 0.9 MB.
     let Some(mut app) = level(SPHERES, 6 << 20) else { return };
-    for _ in 0..2_000 {
-        app.step(1);
-        let report = report(&mut app);
-        if report.meshes_without_room > 0 && report.meshes_pending == 0 {
-            assert_eq!(report.instances + report.meshes_without_room, SPHERES + 1, "{report:?}");
-            assert!(report.instances > 3, "{report:?}");
-            break;
-        }
-        std::thread::sleep(Duration::from_millis(1));
-    }
+    app.step(1);
+    until(&mut app, "the level isn't told to be complete", |app| {
+        let report = report(app);
+        report.meshes_without_room > 0 && report.meshes_pending == 0
+    });
+    let told = report(&mut app);
+    assert_eq!(told.instances + told.meshes_without_room, SPHERES + 1, "{told:?}");
+    assert!(told.instances > 3, "{told:?}");
     let world = app.world();
     let mut objects = world.query_filtered::<(Entity, &Transform), With<Mesh3d>>();
     let spheres = objects.iter(world).filter(|(_, place)| place.translation.z == 6.0);
@@ -83,15 +68,11 @@ fn meshes_that_find_no_room_are_told() {
     for entity in gone {
         world.despawn(entity);
     }
-    for _ in 0..2_000 {
-        app.step(1);
-        let report = report(&mut app);
-        if report.meshes_without_room == 0 && report.instances == LEFT + 1 {
-            return;
-        }
-        std::thread::sleep(Duration::from_millis(1));
-    }
-    panic!("{:?}", report(&mut app));
+    app.step(1);
+    until(&mut app, "no room for the rest", |app| {
+        let report = report(app);
+        report.meshes_without_room == 0 && report.instances == LEFT + 1
+    });
 }
 
 /// A mesh too large for the budget of a frame is copied in the frame after a change, however often it changes.
@@ -107,26 +88,21 @@ fn a_large_mesh_that_changes_in_every_frame_is_seen() {
         .iter()
         .find(|(_, mesh)| mesh.count_vertices() > 10_000)
         .expect("it was spawned");
-    for _ in 0..2_000 {
-        app.step(1);
-        if report(&mut app).instances == 2 {
-            return;
-        }
+    app.step(1);
+    until(&mut app, "it is never copied", |app| {
         let mut meshes = app.world().resource_mut::<Assets<Mesh>>();
         meshes.get_mut(id).expect("it stays").enable_raytracing = true;
-        std::thread::sleep(Duration::from_millis(1));
-    }
-    panic!("{:?}", report(&mut app));
+        report(app).instances == 2
+    });
 }
 
 /// An object that gets a mesh that takes a while to build is shown with its last mesh until then.
 #[test]
 fn an_object_never_vanishes_for_another_mesh() {
     for (_, mut app) in apps(SIZE / 4, Output::Picture) {
-        spawn_mesh(&mut app, wall(), metal(0.0), Transform::IDENTITY);
+        let camera = spawn_mirror(&mut app, 0.0, SceneName::MirrorRoom);
         let at = Transform::from_xyz(0.0, 0.0, 6.0);
         let ball = spawn_mesh(&mut app, Sphere::new(0.4).mesh().uv(32, 16), unlit([255; 3]), at);
-        let camera = spawn_camera(&mut app, BEFORE_THE_MIRROR, SceneName::MirrorRoom);
         reflect(&mut app, camera, ReflectionTechnique::Reference);
         let before = report(&mut app);
         let fine = Sphere::new(0.4).mesh().uv(256, 128);

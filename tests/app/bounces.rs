@@ -1,12 +1,11 @@
 //! Reflections within reflections.
 
 use crate::{
-    common::app,
-    pictures::{apps, reflect, warm_up},
-    stage::{spawn_camera, spawn_mesh, wall},
+    pictures::{apps, linear_app, reflect, warm_up},
+    stage::{behind, settings_of, spawn_camera, spawn_mesh, wall},
 };
 use bevy::{math::UVec2, prelude::*};
-use bevy_glint::{RayTracedReflections, ReflectionTechnique, ReflectionTracerChoice};
+use bevy_glint::{RayTracedReflections, ReflectionTechnique};
 use glint_scenes::{HeadlessApp, Output, SceneName};
 
 /// The whole image shows the same, so a few pixels are enough.
@@ -37,8 +36,7 @@ fn spawn_mirrors(app: &mut HeadlessApp, [red, green, blue]: [f32; 3], perceptual
         ..default()
     };
     spawn_mesh(app, wall(), material.clone(), Transform::from_xyz(0.0, 0.0, -0.5));
-    let behind = Transform::from_xyz(0.0, 0.0, 0.5).looking_to(Vec3::Z, Vec3::Y);
-    let other = spawn_mesh(app, wall(), material, behind);
+    let other = spawn_mesh(app, wall(), material, behind(0.5));
     let camera = spawn_camera(app, Transform::IDENTITY, SceneName::Furnace);
     (camera, other)
 }
@@ -69,10 +67,7 @@ fn facing_mirrors_show_powers_of_their_reflectance() {
             let name = format!("{tracer:?}, {technique:?}");
             *app.world().get_mut::<Visibility>(other).unwrap() = Visibility::Hidden;
             reflect(app, camera, technique);
-            app.world()
-                .get_mut::<RayTracedReflections>(camera)
-                .unwrap()
-                .full_resolution_mirrors = own_rays;
+            settings_of(app, camera).full_resolution_mirrors = own_rays;
             warm_up(app);
             app.step(4);
             let single = middle(app);
@@ -121,9 +116,7 @@ fn rays_that_go_on_take_the_place_of_ambient_light() {
 /// White walls look like white surroundings, however often light bounces between them.
 #[test]
 fn white_walls_stay_white() {
-    let Some(mut app) = app(2 * SIZE, Output::Linear, ReflectionTracerChoice::Bvh) else {
-        return;
-    };
+    let Some(mut app) = linear_app(2 * SIZE) else { return };
     let app = &mut app;
     let (camera, _) = spawn_mirrors(app, [1.0; 3], 0.0);
     reflect(app, camera, ReflectionTechnique::Converged);
@@ -148,9 +141,7 @@ fn white_walls_stay_white() {
 /// Above the cut-off a hit shows its environment, regardless of the number of bounces.
 #[test]
 fn rough_hits_end_the_path() {
-    let Some(mut app) = app(SIZE, Output::Linear, ReflectionTracerChoice::Bvh) else {
-        return;
-    };
+    let Some(mut app) = linear_app(SIZE) else { return };
     let app = &mut app;
     let (camera, _) = spawn_mirrors(app, REFLECTANCE, 0.2);
     reflect(app, camera, ReflectionTechnique::Converged);

@@ -1,8 +1,8 @@
 //! Budgets of time, and their effect on a camera's rays.
 
 use crate::{
-    common::{app, app_with},
-    pictures::{spawn, use_coarse_shadow_maps, warm_up},
+    common::app_with,
+    pictures::{linear_app, spawn, use_coarse_shadow_maps, warm_up},
     stage::{self, frame},
     static_views::{begin_anew, capture, difference, room},
 };
@@ -64,9 +64,7 @@ fn a_budget_takes_rays_and_gives_them_back() {
 /// A budget moves the effort again and again; all of its frames estimate one image.
 #[test]
 fn pictures_come_to_rest_under_a_budget() {
-    let Some(mut app) = app(stage::SIZE, Output::Linear, ReflectionTracerChoice::Bvh) else {
-        return;
-    };
+    let Some(mut app) = linear_app(stage::SIZE) else { return };
     let app = &mut app;
     let camera = room(app, 0.5);
     app.world().get_mut::<RayTracedReflections>(camera).unwrap().technique = ReflectionTechnique::Quarter;

@@ -3,20 +3,19 @@
 use crate::{
     common::app,
     pictures::{PATIENCE, apps, warm_up},
-    stage::{BEFORE_THE_MIRROR, BLUE, GREEN, RED, SIZE, clear, metal, report, spawn_camera, spawn_mesh, unlit, wall},
+    stage::{
+        BEFORE_THE_MIRROR, BLUE, GREEN, RED, SIZE, add, behind, clear, forward, metal, report, spawn_mesh,
+        spawn_mirror, texel, unlit, wall,
+    },
 };
 use bevy::{
-    asset::RenderAssetUsages,
     camera::Hdr,
     core_pipeline::tonemapping::Tonemapping,
     image::Image,
     light::{FogVolume, RectLight, VolumetricFog},
-    material::OpaqueRendererMethod,
     pbr::Lightmap,
     prelude::*,
-    render::render_resource::{
-        CachedPipelineState, Extent3d, PipelineCache, PipelineDescriptor, TextureDimension, TextureFormat,
-    },
+    render::render_resource::{CachedPipelineState, PipelineCache, PipelineDescriptor},
 };
 use bevy_glint::{RayTracedReflections, RayTracedReflectionsPlugin, ReflectionTechnique, ReflectionTracerChoice};
 use glint_scenes::{HeadlessApp, HeadlessSettings, Output, SceneName, Sky};
@@ -55,14 +54,13 @@ fn clearcoated() -> StandardMaterial {
 
 /// A camera with these settings before a mirror and before coloured glass, which has its own variants.
 fn stage(app: &mut HeadlessApp, settings: RayTracedReflections) -> Entity {
-    spawn_mesh(app, wall(), metal(0.0), Transform::IDENTITY);
+    let camera = spawn_mirror(app, 0.0, SceneName::Demo);
     let glass = StandardMaterial {
         base_color: Color::srgba(0.2, 0.8, 0.2, 0.5),
         specular_transmission: 0.5,
         ..default()
     };
     spawn_mesh(app, Sphere::new(0.5), glass, Transform::from_xyz(-1.0, 0.0, 6.0));
-    let camera = spawn_camera(app, BEFORE_THE_MIRROR, SceneName::Demo);
     app.world().entity_mut(camera).insert(settings);
     warm_up(app);
     camera
@@ -112,8 +110,7 @@ fn features_compile_no_more_than_the_passes_that_see_them() {
             continue;
         };
         let app = &mut app;
-        spawn_mesh(app, wall(), metal(0.0), Transform::IDENTITY);
-        let camera = spawn_camera(app, BEFORE_THE_MIRROR, SceneName::Demo);
+        let camera = spawn_mirror(app, 0.0, SceneName::Demo);
         let mut before = 0;
         for (step, most) in ["start", "glass", "fog"].into_iter().zip(MOST_PIPELINES) {
             match step {
@@ -195,12 +192,8 @@ fn while_compiling(app: &mut HeadlessApp, mut look: impl FnMut(&mut HeadlessApp)
 /// A mirror and rough metal, both before a wall that only its lightmap lights, and their camera.
 fn spawn_metal_before_a_lightmap(app: &mut HeadlessApp) {
     for (x, roughness) in [(-3.0, 0.0), (3.0, 0.3)] {
-        spawn_mesh(
-            app,
-            Rectangle::new(6.0, 12.0),
-            metal(roughness),
-            Transform::from_xyz(x, 0.0, 0.0),
-        );
+        let at = Transform::from_xyz(x, 0.0, 0.0);
+        spawn_mesh(app, Rectangle::new(6.0, 12.0), metal(roughness), at);
     }
     let mesh = Mesh::from(Rectangle::new(16.0, 12.0));
     let uv = mesh.attribute(Mesh::ATTRIBUTE_UV_0).unwrap().clone();
@@ -210,17 +203,10 @@ fn spawn_metal_before_a_lightmap(app: &mut HeadlessApp) {
         lightmap_exposure: 900.0,
         ..default()
     };
-    let at = Transform::from_xyz(0.0, 0.0, 8.0).looking_to(Vec3::Z, Vec3::Y);
+    let at = behind(8.0);
     let wall = spawn_mesh(app, mesh.with_inserted_attribute(Mesh::ATTRIBUTE_UV_1, uv), baked, at);
-    let texel = Image::new(
-        Extent3d::default(),
-        TextureDimension::D2,
-        vec![200, 200, 200, 255],
-        TextureFormat::Rgba8UnormSrgb,
-        RenderAssetUsages::default(),
-    );
+    let image = add(app, texel([200; 3]));
     let mut images = app.world().resource_mut::<Assets<Image>>();
-    let image = images.add(texel);
     let environment = Sky::White.environment(&mut images, 300.0);
     app.world().entity_mut(wall).insert(Lightmap { image, ..default() });
     // The lightmap is there in the first frame with reflections: no shader without it was ever compiled.
@@ -309,11 +295,7 @@ const COLUMNS: [usize; 3] = [48, 20, 68];
 fn spawn_columns(app: &mut HeadlessApp) {
     let at = Transform::from_xyz;
     spawn_mesh(app, wall(), unlit(BLUE), at(0.0, 0.0, -1.0));
-    let forward = StandardMaterial {
-        opaque_render_method: OpaqueRendererMethod::Forward,
-        ..unlit(GREEN)
-    };
-    spawn_mesh(app, Cuboid::from_length(1.0), forward, at(-0.9, 0.0, 0.0));
+    spawn_mesh(app, Cuboid::from_length(1.0), forward(unlit(GREEN)), at(-0.9, 0.0, 0.0));
     let pane = StandardMaterial {
         base_color: Color::linear_rgba(1.0, 0.0, 0.0, 0.5),
         alpha_mode: AlphaMode::Blend,

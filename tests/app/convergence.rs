@@ -2,8 +2,8 @@
 
 use crate::{
     common::app,
-    pictures::{COARSE, use_coarse_shadow_maps, warm_up},
-    stage::{self, BEFORE_THE_MIRROR, metal, spawn_camera, spawn_mesh, unlit, wall},
+    pictures::{COARSE, linear_app, use_coarse_shadow_maps, warm_up},
+    stage::{self, BEFORE_THE_MIRROR, metal, settings_of, spawn_camera, spawn_mesh, spawn_mirror, unlit, wall},
 };
 use bevy::{core_pipeline::tonemapping::Tonemapping, math::UVec2, prelude::*};
 use bevy_glint::{RayTracedReflections, ReflectionTracerChoice, named_settings};
@@ -156,9 +156,7 @@ fn a_still_picture_under_a_sky_comes_to_rest_at_the_truth() {
 /// A removed object must be gone from reflections within 8 frames, and a cut must leave no trace of the last scene.
 #[test]
 fn what_is_gone_leaves_no_ghost() {
-    let Some(mut app) = app(SIZE, Output::Linear, ReflectionTracerChoice::Bvh) else {
-        return;
-    };
+    let Some(mut app) = linear_app(SIZE) else { return };
     let camera = scene(&mut app, SceneName::EmissiveFloor);
     let lights: Vec<Entity> = {
         let world = app.world();
@@ -205,9 +203,7 @@ fn what_is_gone_leaves_no_ghost() {
 #[test]
 #[ignore = "long: 677 frames"]
 fn a_moving_camera_sees_about_the_truth() {
-    let Some(mut app) = app(SIZE, Output::Linear, ReflectionTracerChoice::Bvh) else {
-        return;
-    };
+    let Some(mut app) = linear_app(SIZE) else { return };
     let camera = scene(&mut app, SceneName::EmissiveFloor);
     let end = *app.world().get::<Transform>(camera).unwrap();
     let truth = truth(&mut app, camera, SceneName::EmissiveFloor);
@@ -228,19 +224,13 @@ fn a_moving_camera_sees_about_the_truth() {
 /// Images in a flat reflector move as if they lay behind it, and the history that follows them keeps them sharp.
 #[test]
 fn history_follows_reflected_images() {
-    let Some(mut app) = app(stage::SIZE, Output::Linear, ReflectionTracerChoice::Bvh) else {
-        return;
-    };
+    let Some(mut app) = linear_app(stage::SIZE) else { return };
     spawn_mesh(&mut app, wall(), metal(0.15), Transform::IDENTITY);
     for (column, row) in (-6..=6i8).flat_map(|column| (-4..=4i8).map(move |row| (column, row))) {
         let color = [stage::RED, stage::GREEN, [255; 3]][(column + 2 * row).rem_euclid(3) as usize];
         let place = Vec3::new(f32::from(column), f32::from(row), 8.0);
-        spawn_mesh(
-            &mut app,
-            Cuboid::from_length(0.5),
-            unlit(color),
-            Transform::from_translation(place),
-        );
+        let at = Transform::from_translation(place);
+        spawn_mesh(&mut app, Cuboid::from_length(0.5), unlit(color), at);
     }
     let camera = spawn_camera(&mut app, BEFORE_THE_MIRROR, SceneName::MirrorRoom);
     switch(&mut app, camera, "converged");
@@ -248,8 +238,7 @@ fn history_follows_reflected_images() {
     let truth = capture(&mut app, "converged");
     let [with, without] = [true, false].map(|virtual_history| {
         switch(&mut app, camera, "reference");
-        let mut settings = app.world().get_mut::<RayTracedReflections>(camera).unwrap();
-        settings.denoiser.virtual_history = virtual_history;
+        settings_of(&mut app, camera).denoiser.virtual_history = virtual_history;
         for frame in (0..24u8).rev() {
             let mut now = BEFORE_THE_MIRROR;
             now.translation.x += 0.06 * f32::from(frame);
@@ -277,12 +266,9 @@ fn grain(pixels: &[[f32; 4]], width: usize) -> f32 {
 #[test]
 fn young_pictures_are_blurred() {
     let size = UVec2::new(96, 64);
-    let Some(mut app) = app(size, Output::Linear, ReflectionTracerChoice::Bvh) else {
-        return;
-    };
+    let Some(mut app) = linear_app(size) else { return };
     let app = &mut app;
-    spawn_mesh(app, wall(), metal(0.6), Transform::IDENTITY);
-    let camera = spawn_camera(app, BEFORE_THE_MIRROR, SceneName::Demo);
+    let camera = spawn_mirror(app, 0.6, SceneName::Demo);
     let grains = [0.0, 3.0].map(|radius| {
         switch(app, camera, "quarter");
         let mut settings = app.world().get_mut::<RayTracedReflections>(camera).unwrap();

@@ -3,7 +3,7 @@
 use crate::{
     common::app_with,
     pictures::{reflect, spawn, use_coarse_shadow_maps, warm_up},
-    stage::{BEFORE_THE_MIRROR, report, spawn_camera, spawn_mesh, unlit},
+    stage::{BEFORE_THE_MIRROR, report, settings_of, spawn_camera, spawn_mesh, unlit, until},
 };
 use bevy::{
     core_pipeline::tonemapping::Tonemapping,
@@ -172,8 +172,7 @@ fn a_past_that_is_forgotten_is_rejected(app: &mut HeadlessApp, camera: Entity) {
     warm_up(app);
     app.step(16);
     let settled = red(capture(app));
-    let mut settings = app.world().get_mut::<RayTracedReflections>(camera).unwrap();
-    settings.reset = true;
+    settings_of(app, camera).reset = true;
     app.step(1);
     let fresh = red(capture(app));
     assert!(fresh > MANY && settled * 2 < fresh, "{fresh} pixels, {settled} later");
@@ -254,12 +253,9 @@ fn the_front_layer_shows_its_normals() {
     let rays = DiagnosticPath::const_new("render/reflection_front_layer_rays");
     let count = |app: &mut HeadlessApp| app.world().resource::<DiagnosticsStore>().get(&rays)?.value();
     // Results arrive some frames later.
-    let counted = (0..1000).any(|_| {
-        app.step(1);
-        std::thread::sleep(std::time::Duration::from_millis(1));
+    until(app, "few rays are counted", |app| {
         count(app).is_some_and(|rays| rays > 100.0)
     });
-    assert!(counted, "{:?}", count(app));
 
     app.world().despawn(sheet);
     let pixels = show(app, camera, ReflectionDebugView::FrontLayer);
@@ -271,14 +267,12 @@ fn the_front_layer_shows_its_normals() {
 #[test]
 fn rough_things_reflect_nothing() {
     let Some(mut app) = app() else { return };
-    let world = app.world();
-    let mesh = world.resource_mut::<Assets<Mesh>>().add(Cuboid::from_length(2.0));
-    let material = world.resource_mut::<Assets<StandardMaterial>>().add(StandardMaterial {
+    let rough = StandardMaterial {
         perceptual_roughness: 1.0,
         ..default()
-    });
-    world.spawn((Mesh3d(mesh), MeshMaterial3d(material), Transform::IDENTITY));
-    let mut environment = environment(SceneName::Furnace, world);
+    };
+    spawn_mesh(&mut app, Cuboid::from_length(2.0), rough, Transform::IDENTITY);
+    let mut environment = environment(SceneName::Furnace, app.world());
     environment.tonemapping = Tonemapping::None;
     let camera = app.spawn_camera(Transform::from_xyz(0.0, 0.0, 5.0));
     environment.insert(&mut app.world().entity_mut(camera));
@@ -303,13 +297,9 @@ fn counters_find_no_bad_pixels(app: &mut HeadlessApp, camera: Entity) {
     app.world().entity_mut(camera).insert(ReflectionDebugCounters);
     warm_up(app);
     // Results arrive some frames later.
-    for _ in 0..1000 {
-        app.step(1);
-        if report(app).is_some_and(|report| report.radiance != Some(0.0)) {
-            break;
-        }
-        std::thread::sleep(std::time::Duration::from_millis(1));
-    }
+    until(app, "there is no report", |app| {
+        report(app).is_some_and(|report| report.radiance != Some(0.0))
+    });
     let report = report(app).unwrap();
     println!("{report:?}");
     assert_eq!(report.pixels, 0);

@@ -1,8 +1,12 @@
 //! The plugin and one component are enough, and other cameras of the app lose nothing.
 
 use crate::{
-    pictures::red_pixels,
-    stage::{BEFORE_THE_MIRROR, RED, SIZE, Unprepared, WithoutPrepass, metal, report, spawn_mesh, unlit, wall},
+    common::if_renders,
+    pictures::{red_pixels, weak_device},
+    stage::{
+        BEFORE_THE_MIRROR, RED, SIZE, Unprepared, WithoutPrepass, add, metal, report, set_shader, spawn_mesh, spawn_of,
+        unlit, until, wall,
+    },
 };
 use bevy::{
     asset::uuid_handle,
@@ -14,14 +18,11 @@ use bevy::{
     pbr::{DefaultOpaqueRendererMethod, ExtendedMaterial, MaterialExtension, ScreenSpaceReflections},
     prelude::*,
     reflect::PartialReflect,
-    render::{
-        render_resource::AsBindGroup,
-        settings::{WgpuLimits, WgpuSettings},
-    },
+    render::{render_resource::AsBindGroup, settings::WgpuSettings},
     shader::{Shader, ShaderRef},
 };
 use bevy_glint::{RayTracedReflections, RayTracedReflectionsPlugin, ReflectedMaterialPlugin, ReflectionFallback};
-use glint_scenes::{HeadlessApp, HeadlessError, HeadlessSettings, Output};
+use glint_scenes::{HeadlessApp, HeadlessSettings, Output};
 
 /// An app with Bevy's default plugins, and the plugins of `add`; `None` (with the reason printed) if this machine can't render.
 fn start(device: WgpuSettings, add: impl FnOnce(&mut App)) -> Option<HeadlessApp> {
@@ -35,16 +36,7 @@ fn start(device: WgpuSettings, add: impl FnOnce(&mut App)) -> Option<HeadlessApp
         app.insert_resource(DefaultOpaqueRendererMethod::forward());
         add(app);
     });
-    match app {
-        Ok(app) => Some(app),
-        Err(error @ HeadlessError::NoRenderer) => {
-            let is_required = std::env::var_os("GLINT_REQUIRE_GPU").is_some();
-            assert!(!is_required, "a GPU is required, but: {error}");
-            println!("skipped: {error}");
-            None
-        }
-        Err(error) => panic!("{error}"),
-    }
+    if_renders(app)
 }
 
 fn start_with_plugin(add: impl FnOnce(&mut App)) -> Option<HeadlessApp> {
@@ -66,15 +58,18 @@ fn camera(target: RenderTarget, order: isize) -> impl Bundle {
     (view, ShadowLodOrigin, DebandDither::Disabled, Tonemapping::None)
 }
 
+fn spawn_reflecting(app: &mut HeadlessApp) -> Entity {
+    let target = app.target();
+    let camera = (camera(target, 0), RayTracedReflections::default());
+    app.world().spawn(camera).id()
+}
+
 fn wait(app: &mut HeadlessApp) {
     app.warm_up(20_000).unwrap();
-    for _ in 0..20_000 {
+    until(app, "not ready", |app| {
         let report = report(app);
-        if report.ready && report.meshes_pending == 0 && report.instances > 1 {
-            break;
-        }
-        app.step(1);
-    }
+        report.ready && report.meshes_pending == 0 && report.instances > 1
+    });
     app.step(12);
 }
 
@@ -87,11 +82,7 @@ fn the_plugin_and_one_component_are_enough() {
     spawn_mesh(&mut app, wall(), metal(0.0), Transform::IDENTITY);
     let behind = Transform::from_xyz(0.0, 0.0, 6.0);
     spawn_mesh(&mut app, Cuboid::from_length(2.0), unlit(RED), behind);
-    let target = app.target();
-    let id = app
-        .world()
-        .spawn((camera(target, 0), RayTracedReflections::default()))
-        .id();
+    let id = spawn_reflecting(&mut app);
     wait(&mut app);
     let on = red_pixels(&app.capture().unwrap());
     app.world().entity_mut(id).remove::<RayTracedReflections>();
@@ -110,11 +101,7 @@ fn cameras_without_reflections_show_everything() {
     let early = early.unwrap();
     spawn_mesh(&mut app, Cuboid::from_length(1.0), unlit(RED), Transform::IDENTITY);
     let targets = [(); 4].map(|()| app.add_target(SIZE, Output::Picture));
-    let main = app.target();
-    let main = app
-        .world()
-        .spawn((camera(main, 0), RayTracedReflections::default()))
-        .id();
+    let main = spawn_reflecting(&mut app);
     // Typical cameras of apps: one that existed before the plugin was ready, a plain one, one with a prepass for an effect, and one that
     // has lost its prepasses with its reflections.
     app.world().entity_mut(early).insert(camera(targets[0].clone(), 1));
@@ -145,7 +132,7 @@ fn cameras_without_reflections_show_everything() {
 
 const RED_SHADER: Handle<Shader> = uuid_handle!("0d5a1c52-6f0e-4a57-9a35-3a9f4d0a7c21");
 
-/// An extension as apps with forward rendering write it: it is red and doesn't mention deferred rendering.
+/// An extension as apps with forward rendering write it: it has a colour and doesn't mention deferred rendering.
 #[derive(Asset, AsBindGroup, Reflect, Clone, Default)]
 struct Reddening {}
 
@@ -157,6 +144,18 @@ impl MaterialExtension for Reddening {
 
 type Reddened = ExtendedMaterial<StandardMaterial, Reddening>;
 
+/// Makes the shader of [`Reddening`] show a colour everywhere.
+fn insert_shader(app: &mut HeadlessApp, color: &str) {
+    let source = format!(
+        "
+        import bevy_pbr::render::forward_io::VertexOutput;
+        @fragment
+        fn fragment(in: VertexOutput) -> @location(0) vec4<f32> {{ return vec4({color}, 1.0); }}
+        "
+    );
+    set_shader(app, &RED_SHADER, source, "reddening.wesl");
+}
+
 /// They would be missing in the G-buffer.
 #[test]
 fn materials_without_a_prepass_are_drawn() {
@@ -165,20 +164,12 @@ fn materials_without_a_prepass_are_drawn() {
     }) else {
         return;
     };
-    let target = app.target();
-    let world = app.world();
-    let mesh = world.resource_mut::<Assets<Mesh>>().add(wall());
-    let base = StandardMaterial {
-        base_color: Color::srgb_u8(255, 0, 0),
-        unlit: true,
-        ..default()
+    let material = Unprepared {
+        base: unlit(RED),
+        extension: WithoutPrepass {},
     };
-    let extension = WithoutPrepass {};
-    let material = world
-        .resource_mut::<Assets<Unprepared>>()
-        .add(Unprepared { base, extension });
-    world.spawn((Mesh3d(mesh), MeshMaterial3d(material)));
-    world.spawn((camera(target, 0), RayTracedReflections::default()));
+    spawn_of(&mut app, wall(), material, Transform::IDENTITY);
+    spawn_reflecting(&mut app);
     app.warm_up(20_000).unwrap();
     app.step(4);
     let all = (SIZE.x * SIZE.y) as usize;
@@ -193,22 +184,11 @@ fn extended_materials_keep_a_shader_of_their_own() {
     }) else {
         return;
     };
-    let source = "
-        import bevy_pbr::render::forward_io::VertexOutput;
-        @fragment
-        fn fragment(in: VertexOutput) -> @location(0) vec4<f32> { return vec4(1.0, 0.0, 0.0, 1.0); }
-    ";
-    let target = app.target();
-    let world = app.world();
-    let shader = Shader::from_wesl(source, "red.wesl");
-    _ = world.resource_mut::<Assets<Shader>>().insert(&RED_SHADER, shader);
-    let mesh = world.resource_mut::<Assets<Mesh>>().add(wall());
-    let base = Color::srgb_u8(0, 255, 0).into();
-    let extension = Reddening {};
-    let material = world
-        .resource_mut::<Assets<Reddened>>()
-        .add(Reddened { base, extension });
-    world.spawn((camera(target, 0), RayTracedReflections::default()));
+    insert_shader(&mut app, "1.0, 0.0, 0.0");
+    let mesh = add(&mut app, Mesh::from(wall()));
+    let (base, extension) = (Color::srgb_u8(0, 255, 0).into(), Reddening {});
+    let material = add(&mut app, Reddened { base, extension });
+    spawn_reflecting(&mut app);
     app.warm_up(20_000).unwrap();
     // The material is there before any object has it.
     app.world().spawn((Mesh3d(mesh), MeshMaterial3d(material.clone())));
@@ -234,21 +214,10 @@ fn extended_materials_that_stay_forward_reflect() {
     }) else {
         return;
     };
-    let source = "
-        import bevy_pbr::render::forward_io::VertexOutput;
-        @fragment
-        fn fragment(in: VertexOutput) -> @location(0) vec4<f32> { return vec4(0.0, 0.0, 0.0, 1.0); }
-    ";
+    insert_shader(&mut app, "0.0, 0.0, 0.0");
     let target = app.target();
-    let world = app.world();
-    let shader = Shader::from_wesl(source, "black.wesl");
-    _ = world.resource_mut::<Assets<Shader>>().insert(&RED_SHADER, shader);
-    let mesh = world.resource_mut::<Assets<Mesh>>().add(wall());
     let (base, extension) = (metal(0.0), Reddening {});
-    let material = world
-        .resource_mut::<Assets<Reddened>>()
-        .add(Reddened { base, extension });
-    world.spawn((Mesh3d(mesh), MeshMaterial3d(material)));
+    spawn_of(&mut app, wall(), Reddened { base, extension }, Transform::IDENTITY);
     let behind = Transform::from_xyz(0.0, 0.0, 6.0);
     spawn_mesh(&mut app, Cuboid::from_length(2.0), unlit(RED), behind);
     let settings = RayTracedReflections {
@@ -297,14 +266,7 @@ fn an_app_can_keep_its_own_method() {
 
 #[test]
 fn where_nothing_can_be_traced_screen_space_reflections_may_take_over() {
-    let weak = WgpuSettings {
-        constrained_limits: Some(WgpuLimits {
-            max_storage_buffers_per_shader_stage: 7,
-            ..WgpuLimits::default()
-        }),
-        ..default()
-    };
-    let Some(mut app) = start(weak, |app| {
+    let Some(mut app) = start(weak_device(), |app| {
         app.add_plugins(RayTracedReflectionsPlugin {
             fallback: ReflectionFallback::ScreenSpace,
             ..default()
@@ -314,11 +276,7 @@ fn where_nothing_can_be_traced_screen_space_reflections_may_take_over() {
     };
     assert_eq!(report(&mut app).tracer, None, "{}", report(&mut app));
     assert!(is_deferred(&mut app));
-    let target = app.target();
-    let reflecting = app
-        .world()
-        .spawn((camera(target, 0), RayTracedReflections::default()))
-        .id();
+    let reflecting = spawn_reflecting(&mut app);
     app.step(2);
     let has = |app: &mut HeadlessApp| app.world().entity(reflecting).contains::<ScreenSpaceReflections>();
     assert!(has(&mut app));
@@ -338,20 +296,13 @@ fn where_nothing_can_be_traced_screen_space_reflections_may_take_over() {
 
 #[test]
 fn where_nothing_can_be_traced_materials_stay_as_they_were() {
-    let weak = || WgpuSettings {
-        constrained_limits: Some(WgpuLimits {
-            max_storage_buffers_per_shader_stage: 7,
-            ..WgpuLimits::default()
-        }),
-        ..default()
-    };
     let plugin = RayTracedReflectionsPlugin::default();
-    let Some(mut app) = start(weak(), |app| {
+    let Some(mut app) = start(weak_device(), |app| {
         app.add_plugins(plugin);
     }) else {
         return;
     };
-    let Some(mut own) = start(weak(), |app| {
+    let Some(mut own) = start(weak_device(), |app| {
         app.add_plugins(plugin)
             .insert_resource(DefaultOpaqueRendererMethod::deferred());
     }) else {

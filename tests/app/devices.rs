@@ -1,8 +1,9 @@
 //! Devices with fewer features and lower limits show the same image, through copies of textures or through passes with lower requirements.
 
 use crate::{
-    common::app_of,
-    pictures::{COARSE, PATIENCE, assert_flip, dump, flip, use_coarse_shadow_maps, warm_up},
+    pictures::{
+        COARSE, PATIENCE, app_of_device, assert_flip, device_without, dump, flip, use_coarse_shadow_maps, warm_up,
+    },
     stage::report,
 };
 use bevy::{
@@ -10,8 +11,8 @@ use bevy::{
     prelude::*,
     render::settings::{WgpuFeatures, WgpuSettings},
 };
-use bevy_glint::{ReflectionPreset, ReflectionTextureMode, ReflectionTracerChoice};
-use glint_scenes::{HeadlessSettings, SceneName, browser_device};
+use bevy_glint::{ReflectionPreset, ReflectionTextureMode};
+use glint_scenes::{SceneName, browser_device};
 
 const SIZE: UVec2 = UVec2::new(120, 80);
 /// Frames after which noise hardly makes two images differ.
@@ -28,11 +29,10 @@ struct Device {
 
 impl Device {
     fn without(name: &'static str, features: WgpuFeatures) -> Self {
-        let settings = WgpuSettings {
-            disabled_features: Some(features),
-            ..default()
-        };
-        Self { name, settings }
+        Self {
+            name,
+            settings: device_without(features),
+        }
     }
 
     fn lacks(&self) -> WgpuFeatures {
@@ -66,12 +66,7 @@ fn devices() -> [Device; 5] {
 
 /// The image of a device, and its texture mode; `None` if the machine can't trace.
 fn picture(device: &Device, reflects: bool) -> Option<(Vec<u8>, Option<ReflectionTextureMode>)> {
-    let settings = HeadlessSettings {
-        size: SIZE,
-        device: device.settings.clone(),
-        ..default()
-    };
-    let mut app = app_of(settings, ReflectionTracerChoice::Bvh, |_| {}, |_| {})?;
+    let mut app = app_of_device(SIZE, device.settings.clone())?;
     let got = app.device().expect("an app that traces has a device").features();
     assert!(!got.intersects(device.lacks()), "{}: {got:?}", device.name);
     use_coarse_shadow_maps(&mut app);

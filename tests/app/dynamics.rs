@@ -1,28 +1,24 @@
 //! Scenes that change between frames: the mirror follows them, and nothing is built without need.
 
 use crate::{
-    common::app,
-    pictures::{assert_flip, crop, differing_pixels, flip, reflect, warm_up},
+    pictures::{assert_flip, crop, differing_pixels, flip, linear_app, picture_app, reflect, warm_up},
+    resolution::resize,
     stage::{
-        BEFORE_THE_MIRROR, BLUE, GREEN, RED, SIZE, metal, report, share_app, spawn_camera, spawn_mesh, unlit,
-        until_at_rest, wall,
+        BEFORE_THE_MIRROR, BLUE, GREEN, RED, SIZE, add, edit_material, image, metal, report, share_app, spawn_camera,
+        spawn_mesh, spawn_mirror, unlit, until, until_at_rest,
     },
 };
 use bevy::{
     asset::RenderAssetUsages,
-    camera::{ClearColorConfig, MainPassResolutionOverride, RenderTarget, Viewport},
+    camera::{ClearColorConfig, RenderTarget, Viewport},
     ecs::entity_disabling::Disabled,
     image::Image,
     math::UVec2,
     prelude::*,
-    render::{
-        RenderApp,
-        render_resource::{Extent3d, TextureDimension, TextureFormat, TextureUsages},
-        sync_world::RenderEntity,
-    },
+    render::render_resource::TextureFormat,
 };
 use bevy_glint::{NotReflected, RayTracedReflections, ReflectionTechnique, ReflectionTracerChoice};
-use glint_scenes::{HeadlessApp, Output, SceneName, environment, read_image};
+use glint_scenes::{HeadlessApp, Output, SceneName, environment};
 
 /// Behind the camera, where only the mirror shows it.
 const LEFT: Vec3 = Vec3::new(-2.5, 0.0, 6.0);
@@ -32,24 +28,11 @@ fn cube(size: f32) -> Mesh {
     Cuboid::from_length(size).into()
 }
 
-/// A mirror that fills the image of a camera three metres before it, in the surroundings of a scene.
-fn mirror(app: &mut HeadlessApp, surroundings: SceneName) -> Entity {
-    spawn_mesh(app, wall(), metal(0.0), Transform::IDENTITY);
-    spawn_camera(app, BEFORE_THE_MIRROR, surroundings)
-}
-
 /// A change must be visible in the second frame at the latest, not counting frames in which a mesh is being built.
 fn settle(app: &mut HeadlessApp) {
     app.step(1);
-    for _ in 0..20_000 {
-        if report(app).meshes_pending == 0 {
-            app.step(1);
-            return;
-        }
-        std::thread::sleep(std::time::Duration::from_millis(1));
-        app.step(1);
-    }
-    panic!("meshes stay pending: {:?}", report(app));
+    until(app, "meshes stay pending", |app| report(app).meshes_pending == 0);
+    app.step(1);
 }
 
 #[test]
@@ -67,9 +50,7 @@ fn changes_are_followed() {
 /// The image in a mirror doesn't go along with the mirror.
 #[test]
 fn a_mirror_that_spins_is_as_sharp_as_one_that_stands() {
-    let Some(mut app) = app(SIZE, Output::Picture, ReflectionTracerChoice::Bvh) else {
-        return;
-    };
+    let Some(mut app) = picture_app(SIZE) else { return };
     let sphere = Sphere::new(1.4).mesh().uv(256, 128);
     let sphere = spawn_mesh(&mut app, sphere, metal(0.0), Transform::IDENTITY);
     let camera = spawn_camera(&mut app, BEFORE_THE_MIRROR, SceneName::MirrorRoom);
@@ -81,9 +62,8 @@ fn a_mirror_that_spins_is_as_sharp_as_one_that_stands() {
     let technique = ReflectionTechnique::Reference;
     reflect(&mut app, camera, technique);
     // With the whole denoiser.
-    app.world()
-        .entity_mut(camera)
-        .insert(RayTracedReflections { technique, ..default() });
+    let settings = RayTracedReflections { technique, ..default() };
+    app.world().entity_mut(camera).insert(settings);
     warm_up(&mut app);
     app.step(16);
     let standing = app.capture().unwrap();
@@ -122,16 +102,8 @@ fn expect(app: &mut HeadlessApp, what: &str, color: [u8; 3], shown: [bool; 2]) -
     counts[0] + counts[1]
 }
 
-fn edit_material(app: &mut HeadlessApp, entity: Entity, change: impl FnOnce(&mut StandardMaterial)) {
-    let world = app.world();
-    let id = world.get::<MeshMaterial3d<StandardMaterial>>(entity).unwrap().id();
-    let mut materials = world.resource_mut::<Assets<StandardMaterial>>();
-    let mut material = materials.get_mut(id).unwrap();
-    change(&mut material);
-}
-
 fn entities_that_change_are_followed(app: &mut HeadlessApp, _: ReflectionTracerChoice) {
-    let camera = mirror(app, SceneName::MirrorRoom);
+    let camera = spawn_mirror(app, 0.0, SceneName::MirrorRoom);
     let subject = spawn_mesh(app, cube(2.0), unlit(RED), Transform::from_translation(LEFT));
     app.warm_up(20_000).unwrap();
     expect(app, "no reflections yet", RED, [false, false]);
@@ -179,24 +151,15 @@ fn entities_that_change_are_followed(app: &mut HeadlessApp, _: ReflectionTracerC
 /// A cube gets a texture with changing texels. In the end it is green and has no texture.
 fn expect_changes_of_a_texture(app: &mut HeadlessApp, subject: Entity) {
     let texels = |color: [u8; 3]| [color[0], color[1], color[2], 255].repeat(16);
-    let extent = Extent3d {
-        width: 4,
-        height: 4,
-        depth_or_array_layers: 1,
-    };
-    let (format, usage) = (TextureFormat::Rgba8UnormSrgb, RenderAssetUsages::default());
-    let image = Image::new(extent, TextureDimension::D2, texels(BLUE), format, usage);
-    let image = app.world().resource_mut::<Assets<Image>>().add(image);
+    let image = image(UVec2::splat(4), TextureFormat::Rgba8UnormSrgb, texels(BLUE));
+    let image = add(app, image);
     edit_material(app, subject, |material| {
         material.base_color = Color::WHITE;
         material.base_color_texture = Some(image.clone());
     });
     expect(app, "textured", BLUE, [true, false]);
-    app.world()
-        .resource_mut::<Assets<Image>>()
-        .get_mut(&image)
-        .unwrap()
-        .data = Some(texels(RED));
+    let mut images = app.world().resource_mut::<Assets<Image>>();
+    images.get_mut(&image).unwrap().data = Some(texels(RED));
     expect(app, "texels changed", RED, [true, false]);
     expect(app, "the old texels are gone", BLUE, [false, false]);
     edit_material(app, subject, |material| *material = unlit(GREEN));
@@ -247,7 +210,7 @@ fn expect_changes_of_a_mesh(app: &mut HeadlessApp, subject: Entity, size: usize)
 }
 
 fn assets_that_change_are_followed(app: &mut HeadlessApp, _: ReflectionTracerChoice) {
-    let camera = mirror(app, SceneName::MirrorRoom);
+    let camera = spawn_mirror(app, 0.0, SceneName::MirrorRoom);
     let subject = spawn_mesh(app, cube(2.0), unlit(RED), Transform::from_translation(LEFT));
     reflect(app, camera, ReflectionTechnique::Reference);
     let size = expect(app, "at first", RED, [true, false]);
@@ -270,29 +233,16 @@ fn assets_that_change_are_followed(app: &mut HeadlessApp, _: ReflectionTracerCho
 /// A texture that never loads leaves its material plain, and lets the view converge.
 #[test]
 fn a_missing_texture_keeps_no_view_from_converging() {
-    let Some(mut app) = app(SIZE, Output::Linear, ReflectionTracerChoice::Bvh) else {
-        return;
-    };
-    let camera = mirror(&mut app, SceneName::Demo);
+    let Some(mut app) = linear_app(SIZE) else { return };
+    let camera = spawn_mirror(&mut app, 0.0, SceneName::Demo);
     let missing = app.world().resource::<AssetServer>().load("no/such/image.png");
     let material = StandardMaterial {
         base_color_texture: Some(missing),
-        metallic: 1.0,
-        perceptual_roughness: 0.6,
-        ..default()
+        ..metal(0.6)
     };
     spawn_mesh(&mut app, cube(2.0), material, Transform::from_translation(LEFT));
-    let rough = StandardMaterial {
-        metallic: 1.0,
-        perceptual_roughness: 0.6,
-        ..default()
-    };
-    spawn_mesh(
-        &mut app,
-        cube(2.0),
-        rough,
-        Transform::from_translation(RIGHT.with_z(0.5)),
-    );
+    let beside = Transform::from_translation(RIGHT.with_z(0.5));
+    spawn_mesh(&mut app, cube(2.0), metal(0.6), beside);
     reflect(&mut app, camera, ReflectionTechnique::Converged);
     app.world().get_mut::<RayTracedReflections>(camera).unwrap().reset = true;
     let early = change_of_a_frame(&mut app);
@@ -312,7 +262,7 @@ fn change_of_a_frame(app: &mut HeadlessApp) -> f32 {
 }
 
 fn a_still_scene_builds_nothing(app: &mut HeadlessApp, tracer: ReflectionTracerChoice) {
-    let camera = mirror(app, SceneName::MirrorRoom);
+    let camera = spawn_mirror(app, 0.0, SceneName::MirrorRoom);
     let subject = spawn_mesh(app, cube(2.0), unlit(RED), Transform::from_translation(LEFT));
     reflect(app, camera, ReflectionTechnique::Reference);
     // Objects that rest are merged, once.
@@ -344,7 +294,7 @@ fn a_still_scene_builds_nothing(app: &mut HeadlessApp, tracer: ReflectionTracerC
 
 fn without_a_camera_that_reflects_the_scene_is_freed(app: &mut HeadlessApp, tracer: ReflectionTracerChoice) {
     // In white surroundings a mirror without its environment's light would be black.
-    let camera = mirror(app, SceneName::Furnace);
+    let camera = spawn_mirror(app, 0.0, SceneName::Furnace);
     spawn_mesh(app, cube(2.0), unlit(RED), Transform::from_translation(LEFT));
     app.warm_up(20_000).unwrap();
     app.step(2);
@@ -390,11 +340,11 @@ fn half_viewport(x: u32) -> Option<Viewport> {
 }
 
 /// Cameras in the left half, in the right half, and in a target of their size, all in the same place.
-fn spawn_cameras(app: &mut HeadlessApp, name: SceneName, whole: &Handle<Image>) -> [Entity; 3] {
+fn spawn_cameras(app: &mut HeadlessApp, name: SceneName, whole: &RenderTarget) -> [Entity; 3] {
     let targets = [
         (app.target(), half_viewport(0), 0),
         (app.target(), half_viewport(SIZE.x / 2), 1),
-        (RenderTarget::from(whole.clone()), None, 2),
+        (whole.clone(), None, 2),
     ];
     let environment = environment(name, app.world());
     let [left, right, alone] = targets.map(|(target, viewport, order)| {
@@ -416,9 +366,7 @@ fn a_viewport_shows_what_a_target_of_its_size_shows(app: &mut HeadlessApp, trace
     let half = UVec2::new(SIZE.x / 2, SIZE.y);
     let name = SceneName::MirrorRoom;
     glint_scenes::spawn(name, app.world());
-    let mut image = Image::new_target_texture(half.x, half.y, TextureFormat::Rgba8UnormSrgb, None);
-    image.texture_descriptor.usage |= TextureUsages::COPY_SRC;
-    let whole = app.world().resource_mut::<Assets<Image>>().add(image);
+    let whole = app.add_target(half, Output::Picture);
     let [left, right, alone] = spawn_cameras(app, name, &whole);
     app.warm_up(20_000).unwrap();
     app.step(2);
@@ -427,30 +375,19 @@ fn a_viewport_shows_what_a_target_of_its_size_shows(app: &mut HeadlessApp, trace
     reflect(app, left, ReflectionTechnique::Reference);
     app.step(2);
     let on = app.capture().unwrap();
-    let whole = read_image(app.app().sub_app(RenderApp).world(), &whole).unwrap();
+    let whole = app.read_target(&whole).unwrap();
 
     let columns = half.x as usize;
-    let changed = flip(half, &crop(&off, SIZE.x, 0..columns), &crop(&on, SIZE.x, 0..columns)).0;
+    let left_of = |picture: &[u8]| crop(picture, SIZE.x, 0..columns);
+    let right_of = |picture: &[u8]| crop(picture, SIZE.x, columns..2 * columns);
+    let changed = flip(half, &left_of(&off), &left_of(&on)).0;
     assert!(
         changed > 0.01,
         "{tracer:?}: reflections change the left half by {changed} only"
     );
-    assert_flip(
-        &format!("viewport-{tracer:?}"),
-        half,
-        &whole,
-        &crop(&on, SIZE.x, 0..columns),
-        0.01,
-    );
-    let (before, after) = (
-        crop(&off, SIZE.x, columns..2 * columns),
-        crop(&on, SIZE.x, columns..2 * columns),
-    );
-    assert_eq!(
-        differing_pixels(&before, &after, 1),
-        0,
-        "{tracer:?}: the right half doesn't reflect"
-    );
+    assert_flip(&format!("viewport-{tracer:?}"), half, &whole, &left_of(&on), 0.01);
+    let differing = differing_pixels(&right_of(&off), &right_of(&on), 1);
+    assert_eq!(differing, 0, "{tracer:?}: the right half doesn't reflect");
 
     // A viewport that doesn't start at the corner.
     app.world().entity_mut(alone).remove::<RayTracedReflections>();
@@ -458,26 +395,16 @@ fn a_viewport_shows_what_a_target_of_its_size_shows(app: &mut HeadlessApp, trace
         app.world().get_mut::<Camera>(camera).unwrap().viewport = half_viewport(x);
     }
     warm_up(app);
-    let swapped = app.capture().unwrap();
-    assert_flip(
-        &format!("viewport-right-{tracer:?}"),
-        half,
-        &whole,
-        &crop(&swapped, SIZE.x, columns..2 * columns),
-        0.01,
-    );
+    let swapped = right_of(&app.capture().unwrap());
+    assert_flip(&format!("viewport-right-{tracer:?}"), half, &whole, &swapped, 0.01);
 }
 
 fn a_reduced_resolution_stays_inside(app: &mut HeadlessApp, tracer: ReflectionTracerChoice) {
     let inside = UVec2::new(60, 40);
-    let camera = mirror(app, SceneName::MirrorRoom);
+    let camera = spawn_mirror(app, 0.0, SceneName::MirrorRoom);
     spawn_mesh(app, cube(2.0), unlit(RED), Transform::from_translation(LEFT));
     app.warm_up(20_000).unwrap();
-    let render_entity = app.world().get::<RenderEntity>(camera).unwrap().id();
-    let render_world = app.app().sub_app_mut(RenderApp).world_mut();
-    render_world
-        .entity_mut(render_entity)
-        .insert(MainPassResolutionOverride(inside));
+    resize(app, camera, inside);
     app.warm_up(20_000).unwrap();
     app.step(2);
     let off = app.capture().unwrap();
@@ -504,16 +431,13 @@ fn a_reduced_resolution_stays_inside(app: &mut HeadlessApp, tracer: ReflectionTr
     );
 
     // The small image is the image of a small target.
-    let mut image = Image::new_target_texture(inside.x, inside.y, TextureFormat::Rgba8UnormSrgb, None);
-    image.texture_descriptor.usage |= TextureUsages::COPY_SRC;
-    let image = app.world().resource_mut::<Assets<Image>>().add(image);
+    let target = app.add_target(inside, Output::Picture);
     let small = spawn_camera(app, BEFORE_THE_MIRROR, SceneName::MirrorRoom);
-    app.world()
-        .entity_mut(small)
-        .insert((RenderTarget::from(image.clone()), RayTracedReflections::default()));
+    let reflections = RayTracedReflections::default();
+    app.world().entity_mut(small).insert((target.clone(), reflections));
     warm_up(app);
     app.step(4);
-    let small = read_image(app.app().sub_app(RenderApp).world(), &image).unwrap();
+    let small = app.read_target(&target).unwrap();
     let rows = on.chunks_exact(4 * SIZE.x as usize).take(inside.y as usize);
     let shown: Vec<u8> = rows.flat_map(|row| &row[..4 * inside.x as usize]).copied().collect();
     assert_flip(&format!("reduced-{tracer:?}"), inside, &small, &shown, 0.01);

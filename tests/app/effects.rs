@@ -3,7 +3,7 @@
 use crate::{
     common::app_with,
     pictures::{reflect, warm_up},
-    stage::{BEFORE_THE_MIRROR, SIZE, clear_glass, metal, spawn_camera, spawn_mesh, wall},
+    stage::{BEFORE_THE_MIRROR, SIZE, clear_glass, metal, spawn_camera, spawn_mesh, spawn_mirror, unlit_color, wall},
 };
 use bevy::{
     light::{FogVolume, VolumetricFog, VolumetricLight},
@@ -113,17 +113,8 @@ fn volumetric_fog_covers_reflections_on_water() {
     });
     let lake = Plane3d::default().mesh().size(20.0, 8.0);
     spawn_mesh(app, lake, clear_glass(), Transform::from_xyz(0.0, 0.0, -2.0));
-    let panel = StandardMaterial {
-        base_color: Color::WHITE,
-        unlit: true,
-        ..default()
-    };
-    spawn_mesh(
-        app,
-        Cuboid::new(6.0, 1.5, 0.1),
-        panel,
-        Transform::from_xyz(0.0, 1.2, -8.0),
-    );
+    let at = Transform::from_xyz(0.0, 1.2, -8.0);
+    spawn_mesh(app, Cuboid::new(6.0, 1.5, 0.1), unlit_color(Color::WHITE), at);
     app.world().spawn((DirectionalLight::default(), VolumetricLight));
     reflect(app, camera, ReflectionTechnique::Reference);
     app.warm_up(20_000).unwrap();
@@ -164,13 +155,8 @@ fn volumetric_fog_covers_reflections_on_water() {
 fn reflections_bloom() {
     let Some(mut app) = app() else { return };
     let app = &mut app;
-    let camera = spawn_camera(app, BEFORE_THE_MIRROR, SceneName::MirrorRoom);
-    spawn_mesh(app, wall(), metal(0.0), Transform::IDENTITY);
-    let lamp = StandardMaterial {
-        base_color: Color::linear_rgb(20.0, 20.0, 20.0),
-        unlit: true,
-        ..default()
-    };
+    let camera = spawn_mirror(app, 0.0, SceneName::MirrorRoom);
+    let lamp = unlit_color(Color::linear_rgb(20.0, 20.0, 20.0));
     spawn_mesh(app, Cuboid::from_length(1.0), lamp, Transform::from_xyz(0.0, 0.0, 6.0));
     let off = renders_after(app, camera, Bloom::NATURAL, 4);
     assert_eq!(

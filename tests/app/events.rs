@@ -1,18 +1,12 @@
 //! Cameras send events when their reflections begin, and when they can't begin.
 
 use crate::{
-    common::app,
-    stage::{BEFORE_THE_MIRROR, SIZE, metal, report, spawn_camera, spawn_mesh, wall},
+    pictures::{app_of_device, picture_app, weak_device},
+    stage::{SIZE, report, spawn_mirror},
 };
-use bevy::{
-    pbr::ScreenSpaceReflections,
-    prelude::*,
-    render::settings::{WgpuLimits, WgpuSettings},
-};
-use bevy_glint::{
-    RayTracedReflections, RayTracedReflectionsPlugin, ReflectionTracerChoice, ReflectionsDeclined, ReflectionsReady,
-};
-use glint_scenes::{HeadlessApp, HeadlessError, HeadlessSettings, Output, SceneName};
+use bevy::{pbr::ScreenSpaceReflections, prelude::*};
+use bevy_glint::{RayTracedReflections, ReflectionsDeclined, ReflectionsReady};
+use glint_scenes::{HeadlessApp, SceneName};
 
 /// Cameras of all events, with the reasons.
 #[derive(Resource, Default)]
@@ -36,12 +30,9 @@ fn heard(app: &mut HeadlessApp) -> Vec<(Entity, Option<String>)> {
 
 #[test]
 fn a_camera_tells_when_its_reflections_begin_and_end() {
-    let Some(mut app) = app(SIZE, Output::Picture, ReflectionTracerChoice::Bvh) else {
-        return;
-    };
+    let Some(mut app) = picture_app(SIZE) else { return };
     listen(&mut app);
-    spawn_mesh(&mut app, wall(), metal(0.0), Transform::IDENTITY);
-    let camera = spawn_camera(&mut app, BEFORE_THE_MIRROR, SceneName::Furnace);
+    let camera = spawn_mirror(&mut app, 0.0, SceneName::Furnace);
     app.warm_up(20_000).unwrap();
     assert_eq!(heard(&mut app), []);
     for _ in 0..2 {
@@ -75,23 +66,8 @@ fn a_camera_tells_when_its_reflections_begin_and_end() {
 
 #[test]
 fn a_camera_tells_that_the_device_cannot_trace() {
-    let settings = HeadlessSettings {
-        size: SIZE,
-        device: WgpuSettings {
-            constrained_limits: Some(WgpuLimits {
-                max_storage_buffers_per_shader_stage: 7,
-                ..default()
-            }),
-            ..default()
-        },
-        ..default()
-    };
-    let app = HeadlessApp::new(settings, |app| {
-        app.add_plugins(RayTracedReflectionsPlugin::default());
-    });
-    let mut app = match app {
-        Err(HeadlessError::NoRenderer) => return,
-        app => app.unwrap(),
+    let Some(mut app) = app_of_device(SIZE, weak_device()) else {
+        return;
     };
     listen(&mut app);
     let camera = app.spawn_camera(RayTracedReflections::default());

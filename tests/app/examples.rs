@@ -4,57 +4,34 @@
 //! Each image must differ from that without reflections by a stated amount. Images are kept in the folder `tmp` of the target
 //! directory.
 
-#[path = "../../examples/character.rs"]
+#[path = "../../examples"]
 #[expect(dead_code, reason = "`main` opens a window")]
-mod character;
-#[path = "../../examples/custom_heuristic.rs"]
-#[expect(dead_code, reason = "`main` opens a window")]
-mod custom_heuristic;
-#[path = "../../examples/custom_material.rs"]
-#[expect(dead_code, reason = "`main` opens a window")]
-mod custom_material;
-#[path = "../../examples/facing_mirrors.rs"]
-#[expect(dead_code, reason = "`main` opens a window")]
-mod facing_mirrors;
-#[path = "../../examples/glass_and_water.rs"]
-#[expect(dead_code, reason = "`main` opens a window")]
-mod glass_and_water;
-#[path = "../../examples/many_lights.rs"]
-#[expect(dead_code, reason = "`main` opens a window")]
-mod many_lights;
-#[path = "../../examples/minimal.rs"]
-#[expect(dead_code, reason = "`main` opens a window")]
-mod minimal;
-#[path = "../../examples/moving_objects.rs"]
-#[expect(dead_code, reason = "`main` opens a window")]
-mod moving_objects;
-#[cfg(feature = "egui")]
-#[path = "../../examples/quality_menu.rs"]
-#[expect(dead_code, reason = "`main` opens a window")]
-mod quality_menu;
-#[path = "../../examples/reflection_methods.rs"]
-#[expect(dead_code, reason = "`main` opens a window")]
-mod reflection_methods;
-#[cfg(feature = "egui")]
-#[path = "../../examples/settings_panel.rs"]
-#[expect(dead_code, reason = "`main` opens a window")]
-mod settings_panel;
-#[path = "../../examples/shading_rates.rs"]
-#[expect(dead_code, reason = "`main` opens a window")]
-mod shading_rates;
-#[path = "../../examples/sparks.rs"]
-#[expect(dead_code, reason = "`main` opens a window")]
-mod sparks;
-#[path = "../../examples/split_screen.rs"]
-#[expect(dead_code, reason = "`main` opens a window")]
-mod split_screen;
-#[path = "../../examples/water_material.rs"]
-#[expect(dead_code, reason = "`main` opens a window")]
-mod water_material;
-#[path = "../../examples/wind.rs"]
-#[expect(dead_code, reason = "`main` opens a window")]
-mod wind;
+mod files {
+    pub mod character;
+    pub mod custom_heuristic;
+    pub mod custom_material;
+    pub mod facing_mirrors;
+    pub mod glass_and_water;
+    pub mod many_lights;
+    pub mod minimal;
+    pub mod moving_objects;
+    #[cfg(feature = "egui")]
+    pub mod quality_menu;
+    pub mod reflection_methods;
+    #[cfg(feature = "egui")]
+    pub mod settings_panel;
+    pub mod shading_rates;
+    pub mod sparks;
+    pub mod split_screen;
+    pub mod water_material;
+    pub mod wind;
+}
 
+use crate::{
+    common::if_renders,
+    pictures::PATIENCE,
+    stage::{report, until},
+};
 use bevy::{
     camera::ShadowLodOrigin,
     input::{
@@ -66,9 +43,10 @@ use bevy::{
     pbr::DefaultOpaqueRendererMethod,
     prelude::*,
 };
-use bevy_glint::{RayTracedReflections, ReflectionStatus, ReflectionStatusReport};
-use glint_scenes::{HeadlessApp, HeadlessError, HeadlessSettings, save_picture};
-use std::{fs, ops::Range, path::Path, sync::LazyLock, thread, time::Duration};
+use bevy_glint::{RayTracedReflections, ReflectionStatusReport};
+use files::*;
+use glint_scenes::{HeadlessApp, HeadlessSettings, save_picture};
+use std::{fs, ops::Range, path::Path, sync::LazyLock};
 
 /// Size of the images, and number of frames after which a history is long enough to compare. With the environment variable
 /// `GLINT_GALLERY`, images are as large and as clean as in README, and have Bevy's own shadow maps.
@@ -87,9 +65,6 @@ fn is_gallery() -> bool {
 fn size() -> UVec2 {
     LOOK.0
 }
-
-/// Maximum number of frames for compiling and building.
-const PATIENCE: u32 = 20_000;
 
 /// An example that runs without a window.
 struct Example {
@@ -119,16 +94,7 @@ impl Example {
             }
             app.add_plugins(plugin);
         });
-        let mut app = match app {
-            Ok(app) => app,
-            Err(error @ HeadlessError::NoRenderer) => {
-                let is_required = std::env::var_os("GLINT_REQUIRE_GPU").is_some();
-                assert!(!is_required, "a GPU is required, but: {error}");
-                println!("skipped: {error}");
-                return None;
-            }
-            Err(error) => panic!("{error}"),
-        };
+        let mut app = if_renders(app)?;
         let target = app.target();
         app.world()
             .add_observer(move |camera: On<Add<Camera3d>>, mut commands: Commands| {
@@ -148,13 +114,12 @@ impl Example {
         let was_paused = self.clock().is_paused();
         self.app.warm_up(PATIENCE).unwrap_or_else(|error| panic!("{error}"));
         self.clock().pause();
-        let mut frames = 0;
-        while self.is_pending() {
-            assert!(frames < PATIENCE, "{} is not ready after {frames} frames", self.name);
-            thread::sleep(Duration::from_millis(1));
-            self.app.step(1);
-            frames += 1;
-        }
+        until(&mut self.app, &format!("{} is not ready", self.name), |app| {
+            let world = app.world();
+            let is_wanted = world.query::<&RayTracedReflections>().iter(world).next().is_some();
+            let report = report(app);
+            !is_wanted || report.ready && report.meshes_pending == 0
+        });
         // Uploads of the last frame are traced in the next one.
         self.app.step(2);
         if !was_paused {
@@ -162,15 +127,8 @@ impl Example {
         }
     }
 
-    fn is_pending(&mut self) -> bool {
-        let world = self.app.world();
-        let is_wanted = world.query::<&RayTracedReflections>().iter(world).next().is_some();
-        let report = self.report();
-        is_wanted && (!report.ready || report.meshes_pending > 0)
-    }
-
     fn report(&mut self) -> ReflectionStatusReport {
-        self.app.world().resource::<ReflectionStatus>().report()
+        report(&mut self.app)
     }
 
     /// Presses a key for one frame.
@@ -201,6 +159,12 @@ impl Example {
         let file = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("example-{}-{what}.png", self.name));
         save_picture(size(), image.clone(), &file).unwrap_or_else(|error| panic!("{error}"));
         image
+    }
+
+    /// The image after a key was pressed.
+    fn image_after(&mut self, key: KeyCode, what: &str) -> Vec<u8> {
+        self.press(key);
+        self.image(what)
     }
 
     fn clock(&mut self) -> Mut<'_, Time<Virtual>> {
@@ -242,6 +206,14 @@ impl Example {
         assert!(is_enough, "{}, {what}: {found} is less than {least}", self.name);
     }
 
+    /// A key changes the image. `what` is the difference, `images` are the names of both.
+    #[track_caller]
+    fn assert_key_changes(&mut self, key: KeyCode, what: &str, images: [&str; 2], least: f32) {
+        let before = self.image(images[0]);
+        let after = self.image_after(key, images[1]);
+        self.assert_differs(what, &before, &after, least);
+    }
+
     #[track_caller]
     fn assert_same(&self, what: &str, a: &[u8], b: &[u8]) {
         let found = difference(a, b, 0..size().x);
@@ -270,14 +242,10 @@ fn facing_mirrors() {
     let Some(mut example) = Example::start("facing_mirrors", facing_mirrors::plugin) else {
         return;
     };
-    let mut bounces = |key, what: &str| {
-        example.press(key);
-        example.image(what)
-    };
-    let one = bounces(KeyCode::Digit1, "1-bounce");
-    let two = bounces(KeyCode::Digit2, "2-bounces");
-    let four = bounces(KeyCode::Digit3, "4-bounces");
-    let eight = bounces(KeyCode::Digit4, "8-bounces");
+    let one = example.image_after(KeyCode::Digit1, "1-bounce");
+    let two = example.image_after(KeyCode::Digit2, "2-bounces");
+    let four = example.image_after(KeyCode::Digit3, "4-bounces");
+    let eight = example.image_after(KeyCode::Digit4, "8-bounces");
     // Each row of rooms is smaller than the one before.
     example.assert_differs("two bounces instead of one", &one, &two, 2.0);
     example.assert_differs("four instead of two", &two, &four, 0.5);
@@ -291,10 +259,8 @@ fn many_lights() {
     let Some(mut example) = Example::start("many_lights", many_lights::plugin) else {
         return;
     };
-    example.press(KeyCode::Space);
-    let thousand = example.image("1008-lanterns");
-    example.press(KeyCode::Digit1);
-    let few = example.image("16-lanterns");
+    let thousand = example.image_after(KeyCode::Space, "1008-lanterns");
+    let few = example.image_after(KeyCode::Digit1, "16-lanterns");
     example.assert_differs("16 lanterns instead of 1,008", &thousand, &few, 1.0);
     example.press(KeyCode::Digit3);
     example.image("10000-lanterns");
@@ -369,14 +335,10 @@ fn reflection_methods() {
         return;
     };
     let traced = example.image("traced");
-    let mut press = |key, what| {
-        example.press(key);
-        example.image(what)
-    };
-    let truth = press(KeyCode::Digit4, "truth");
-    let off = press(KeyCode::Digit1, "off");
-    let screen_space = press(KeyCode::Digit2, "screen_space");
-    let traced_again = press(KeyCode::Digit3, "traced_again");
+    let truth = example.image_after(KeyCode::Digit4, "truth");
+    let off = example.image_after(KeyCode::Digit1, "off");
+    let screen_space = example.image_after(KeyCode::Digit2, "screen_space");
+    let traced_again = example.image_after(KeyCode::Digit3, "traced_again");
     example.assert_differs("environment map", &traced, &off, 5.0);
     example.assert_differs("screen space", &traced, &screen_space, 5.0);
     example.assert_differs("screen space instead of nothing", &off, &screen_space, 1.0);
@@ -394,18 +356,14 @@ fn shading_rates() {
     let Some(mut example) = Example::start("shading_rates", shading_rates::plugin) else {
         return;
     };
-    let mut press = |key, what| {
-        example.press(key);
-        example.image(what)
-    };
-    _ = press(KeyCode::Digit5, "adaptive");
-    let combined = press(KeyCode::Digit4, "combined");
-    let uniform = press(KeyCode::Digit1, "uniform");
-    let roughness = press(KeyCode::Digit2, "roughness");
-    let grazing = press(KeyCode::Digit3, "grazing");
-    let combined_again = press(KeyCode::Digit4, "combined");
-    let heat = press(KeyCode::KeyV, "rays");
-    _ = press(KeyCode::KeyV, "on");
+    _ = example.image_after(KeyCode::Digit5, "adaptive");
+    let combined = example.image_after(KeyCode::Digit4, "combined");
+    let uniform = example.image_after(KeyCode::Digit1, "uniform");
+    let roughness = example.image_after(KeyCode::Digit2, "roughness");
+    let grazing = example.image_after(KeyCode::Digit3, "grazing");
+    let combined_again = example.image_after(KeyCode::Digit4, "combined");
+    let heat = example.image_after(KeyCode::KeyV, "rays");
+    _ = example.image_after(KeyCode::KeyV, "on");
     let right = size().x / 2..size().x;
     // Rates are on the right.
     let pairs = [
@@ -457,14 +415,10 @@ fn custom_heuristic() {
     let Some(mut example) = Example::start("custom_heuristic", custom_heuristic::plugin) else {
         return;
     };
-    let mut press = |key, what| {
-        example.press(key);
-        example.image(what)
-    };
-    let shader = press(KeyCode::Digit1, "shader");
-    let image = press(KeyCode::Digit2, "image");
-    let own = press(KeyCode::Digit3, "own");
-    _ = press(KeyCode::KeyV, "on");
+    let shader = example.image_after(KeyCode::Digit1, "shader");
+    let image = example.image_after(KeyCode::Digit2, "image");
+    let own = example.image_after(KeyCode::Digit3, "own");
+    _ = example.image_after(KeyCode::KeyV, "on");
     for (what, a, b) in [("shader", &shader, &own), ("image", &image, &own)] {
         let found = difference(a, b, 0..size().x);
         println!("{what}: {found:.2}");
@@ -478,10 +432,8 @@ fn glass_and_water() {
     let Some(mut example) = Example::start("glass_and_water", glass_and_water::plugin) else {
         return;
     };
-    let traced = example.image("traced");
-    example.press(KeyCode::Space);
-    let opaque_alone = example.image("opaque-alone");
-    example.assert_differs("glass and water without rays", &traced, &opaque_alone, 1.0);
+    let images = ["traced", "opaque-alone"];
+    example.assert_key_changes(KeyCode::Space, "glass and water without rays", images, 1.0);
     example.press(KeyCode::Space);
     example.assert_reflects(1.0);
 }
@@ -493,10 +445,7 @@ fn water_material() {
         return;
     };
     assert_eq!(example.report().unseen, []);
-    let waves = example.image("waves");
-    example.press(KeyCode::Space);
-    let flat = example.image("flat");
-    example.assert_differs("water without waves", &waves, &flat, 1.0);
+    example.assert_key_changes(KeyCode::Space, "water without waves", ["waves", "flat"], 1.0);
     example.press(KeyCode::Space);
     example.assert_reflects(1.0);
 }
@@ -508,10 +457,7 @@ fn custom_material() {
         return;
     };
     assert_eq!(example.report().unseen, []);
-    let dense = example.image("dense");
-    example.press(KeyCode::Space);
-    let coarse = example.image("coarse");
-    example.assert_differs("the coarse mesh", &dense, &coarse, 0.1);
+    example.assert_key_changes(KeyCode::Space, "the coarse mesh", ["dense", "coarse"], 0.1);
     example.assert_reflects(2.0);
 }
 
@@ -538,10 +484,8 @@ fn sparks() {
     let Some(mut example) = Example::start("sparks", sparks::plugin) else {
         return;
     };
-    let on = example.image("on");
-    example.press(KeyCode::Space);
-    let without = example.image("not-in-the-floor");
-    example.assert_differs("a floor without sparks", &on, &without, 0.2);
+    let images = ["on", "not-in-the-floor"];
+    example.assert_key_changes(KeyCode::Space, "a floor without sparks", images, 0.2);
     example.press(KeyCode::Space);
     example.assert_reflects(1.0);
 }
@@ -553,10 +497,7 @@ fn settings_panel() {
     let Some(mut example) = Example::start("settings_panel", settings_panel::plugin) else {
         return;
     };
-    let open = example.image("open");
-    example.press(KeyCode::F2);
-    let closed = example.image("closed");
-    example.assert_differs("the panel", &open, &closed, 10.0);
+    example.assert_key_changes(KeyCode::F2, "the panel", ["open", "closed"], 10.0);
     example.assert_reflects(2.0);
 }
 
@@ -584,8 +525,7 @@ fn quality_menu() {
         (0.5, Some(ReflectionQuality::Ultra))
     );
     let open = example.image("open");
-    example.press(KeyCode::Escape);
-    let closed = example.image("closed");
+    let closed = example.image_after(KeyCode::Escape, "closed");
     example.assert_differs("the menu", &open, &closed, 3.0);
     // As the menu does.
     example.app.world().resource_mut::<GameSettings>().reflections = Some(ReflectionQuality::Off);

@@ -1,14 +1,13 @@
 //! Changes of exposure brighten or darken the light that exposure applies to, and leave unlit colours as they are.
 
 use crate::{
-    common::app,
-    pictures::{reflect, warm_up},
-    stage::{BEFORE_THE_MIRROR, SIZE, metal, spawn_camera, spawn_mesh, unlit, wall},
+    pictures::{linear_app, reflect, warm_up},
+    stage::{BEFORE_THE_MIRROR, SIZE, metal, settings_of, spawn_camera, spawn_mesh, unlit, wall},
     static_views::capture,
 };
 use bevy::{camera::Exposure, prelude::*};
-use bevy_glint::{RayTracedReflections, ReflectionTechnique, ReflectionTracerChoice};
-use glint_scenes::{HeadlessApp, Output, SceneName};
+use bevy_glint::{RayTracedReflections, ReflectionTechnique};
+use glint_scenes::{HeadlessApp, SceneName};
 
 /// EV100 in which the lit panel is about as bright as the unlit one.
 const BRIGHT: f32 = 10.0;
@@ -33,8 +32,7 @@ fn expose(app: &mut HeadlessApp, camera: Entity, ev100: f32) {
 fn apart(app: &mut HeadlessApp, camera: Entity, ev100: f32) -> [f32; 2] {
     let actual = halves(app);
     expose(app, camera, ev100);
-    let mut settings = app.world().get_mut::<RayTracedReflections>(camera).unwrap();
-    settings.reset = true;
+    settings_of(app, camera).reset = true;
     app.step(SETTLE);
     let expected = halves(app);
     [actual[0] / expected[0], actual[1] / expected[1]]
@@ -42,9 +40,7 @@ fn apart(app: &mut HeadlessApp, camera: Entity, ev100: f32) -> [f32; 2] {
 
 #[test]
 fn exposure_leaves_what_is_not_exposed_alone() {
-    let Some(mut app) = app(SIZE, Output::Linear, ReflectionTracerChoice::Bvh) else {
-        return;
-    };
+    let Some(mut app) = linear_app(SIZE) else { return };
     let app = &mut app;
     spawn_mesh(app, wall(), metal(0.3), Transform::IDENTITY);
     let panel = Rectangle::new(20.0, 40.0);

@@ -1,15 +1,17 @@
 //! A floating origin: all transforms, the camera's included, are shifted by one vector.
 
 use crate::{
-    common::app,
     convergence::{capture, switch},
-    pictures::{COARSE, assert_flip, spawn},
-    stage::{BEFORE_THE_MIRROR, BLUE, RED, SIZE, metal, report, spawn_camera, spawn_mesh, unlit, until_at_rest, wall},
+    pictures::{COARSE, assert_flip, linear_app, picture_app, spawn},
+    stage::{
+        BEFORE_THE_MIRROR, BLUE, RED, SIZE, metal, report, settings_of, spawn_camera, spawn_mesh, unlit, until_at_rest,
+        wall,
+    },
 };
 use bevy::prelude::*;
-use bevy_glint::{OriginShift, RayTracedReflections, ReflectionRetention, ReflectionTechnique, ReflectionTracerChoice};
+use bevy_glint::{OriginShift, RayTracedReflections, ReflectionRetention, ReflectionTechnique};
 use core::time::Duration;
-use glint_scenes::{HeadlessApp, Output, SceneName};
+use glint_scenes::{HeadlessApp, SceneName};
 
 /// Sums and differences with the coordinates of the scene are nearly exact.
 const SHIFT: Vec3 = Vec3::new(32.0, -16.0, 64.0);
@@ -24,9 +26,7 @@ fn shift(app: &mut HeadlessApp, by: Vec3) {
 
 #[test]
 fn a_shift_of_the_origin_is_not_seen() {
-    let Some(mut app) = app(SIZE, Output::Picture, ReflectionTracerChoice::Bvh) else {
-        return;
-    };
+    let Some(mut app) = picture_app(SIZE) else { return };
     spawn(&mut app, SceneName::MirrorRoom, ReflectionTechnique::Reference);
     let merged = until_at_rest(&mut app);
     assert_eq!(merged.merged_instances, merged.instances);
@@ -46,17 +46,14 @@ fn a_shift_of_the_origin_is_not_seen() {
 #[test]
 #[ignore = "long: 192 frames of truth"]
 fn history_survives_shifts_of_the_origin() {
-    let Some(mut app) = app(SIZE, Output::Linear, ReflectionTracerChoice::Bvh) else {
-        return;
-    };
+    let Some(mut app) = linear_app(SIZE) else { return };
     let camera = app.spawn_scene(SceneName::AtriumSmall, &COARSE);
     switch(&mut app, camera, "converged");
     app.step(192);
     let truth = capture(&mut app, "truth");
     switch(&mut app, camera, "quarter");
     // The noise of motion.
-    let mut settings = app.world().get_mut::<RayTracedReflections>(camera).unwrap();
-    settings.denoiser.converge_static_views = false;
+    settings_of(&mut app, camera).denoiser.converge_static_views = false;
     app.step(48);
     let steady = error(&truth, &capture(&mut app, "steady"));
     let merged = until_at_rest(&mut app).merged_instances;
@@ -82,7 +79,7 @@ struct RoughMirror {
 impl RoughMirror {
     /// `technique` is the name of settings, as in [`switch`]; `others` is the number of objects that stay.
     fn new(technique: &str, others: u8) -> Option<Self> {
-        let mut app = app(SIZE, Output::Linear, ReflectionTracerChoice::Bvh)?;
+        let mut app = linear_app(SIZE)?;
         let camera = spawn_camera(&mut app, BEFORE_THE_MIRROR, SceneName::MirrorRoom);
         let mirror = spawn_mesh(&mut app, wall(), metal(0.35), Transform::IDENTITY);
         let mut world = vec![camera, mirror];

@@ -1,11 +1,11 @@
 //! Reflections on opaque surfaces that Bevy draws forward.
 
 use crate::{
-    common::app_with,
-    pictures::{any_tracer, apps, reflect, warm_up},
+    pictures::{apps, apps_with, reflect, warm_up},
     stage::{
-        BEFORE_THE_MIRROR, BLUE, GREEN, RED, SIZE, Unprepared, WithoutPrepass, clear, clear_glass, frame, layer_bytes,
-        metal, spawn_camera, spawn_mesh, unlit,
+        BEFORE_THE_MIRROR, BLUE, GREEN, RED, SIZE, Unprepared, WithoutPrepass, add, before, behind, clear, clear_glass,
+        edit_material, forward, frame, layer_bytes, metal, settings_of, sheet, spawn_behind, spawn_camera, spawn_mesh,
+        spawn_of, unlit,
     },
 };
 use bevy::{
@@ -26,7 +26,7 @@ type Picture = Vec<[f32; 4]>;
 /// A red wall behind the camera, a green one to its right and a blue cube to its left.
 fn spawn_surroundings(app: &mut HeadlessApp, around: Transform) {
     for (color, at) in [
-        (RED, Transform::from_xyz(0.0, 0.0, 9.0).looking_to(Vec3::Z, Vec3::Y)),
+        (RED, behind(9.0)),
         (GREEN, Transform::from_xyz(8.0, 0.0, 0.0).looking_to(Vec3::X, Vec3::Y)),
     ] {
         spawn_mesh(app, Rectangle::new(12.0, 12.0), unlit(color), around * at);
@@ -35,10 +35,8 @@ fn spawn_surroundings(app: &mut HeadlessApp, around: Transform) {
     spawn_mesh(app, Cuboid::from_length(1.5), unlit(BLUE), at);
 }
 
-fn change(app: &mut HeadlessApp, object: Entity, change: impl FnOnce(&mut StandardMaterial)) {
-    let world = app.world();
-    let id = world.get::<MeshMaterial3d<StandardMaterial>>(object).unwrap().id();
-    change(&mut world.resource_mut::<Assets<StandardMaterial>>().get_mut(id).unwrap());
+fn draw(app: &mut HeadlessApp, object: Entity, method: OpaqueRendererMethod) {
+    edit_material(app, object, |material| material.opaque_render_method = method);
 }
 
 fn settle(app: &mut HeadlessApp, camera: Entity, frames: u32) -> Picture {
@@ -55,11 +53,8 @@ fn set_forward(app: &mut HeadlessApp, camera: Entity, forward: bool) {
 
 /// Mean difference of two images, and the fraction of pixels that differ by more than a twentieth.
 fn apart(a: &Picture, b: &Picture) -> (f32, f32) {
-    let differences = a.iter().zip(b).map(|(a, b)| {
-        let [x, y] = [a, b].map(|pixel| Vec3::from_slice(pixel));
-        (x - y).abs().max_element()
-    });
-    let differences: Vec<f32> = differences.collect();
+    let apart = |a: &[f32; 4], b: &[f32; 4]| (Vec3::from_slice(a) - Vec3::from_slice(b)).abs().max_element();
+    let differences: Vec<f32> = a.iter().zip(b).map(|(a, b)| apart(a, b)).collect();
     let count = differences.len() as f32;
     let far = differences.iter().filter(|difference| **difference > 0.05).count();
     (differences.iter().sum::<f32>() / count, far as f32 / count)
@@ -67,13 +62,9 @@ fn apart(a: &Picture, b: &Picture) -> (f32, f32) {
 
 /// Images of the same object drawn deferred, drawn forward, and drawn forward without traced reflections.
 fn compare(app: &mut HeadlessApp, camera: Entity, object: Entity, frames: u32) -> [Picture; 3] {
-    change(app, object, |material| {
-        material.opaque_render_method = OpaqueRendererMethod::Deferred;
-    });
+    draw(app, object, OpaqueRendererMethod::Deferred);
     let deferred = settle(app, camera, frames);
-    change(app, object, |material| {
-        material.opaque_render_method = OpaqueRendererMethod::Forward;
-    });
+    draw(app, object, OpaqueRendererMethod::Forward);
     let forward = settle(app, camera, frames);
     set_forward(app, camera, false);
     // Much further off than any noise.
@@ -116,10 +107,7 @@ fn forward_surfaces_reflect_as_deferred_ones() {
             let object = spawn_mesh(app, Sphere::new(1.0), material.clone(), Transform::IDENTITY);
             reflect(app, camera, technique);
             // Rays that pixels share are sampled again in each layer.
-            app.world()
-                .get_mut::<RayTracedReflections>(camera)
-                .unwrap()
-                .full_resolution_mirrors = true;
+            settings_of(app, camera).full_resolution_mirrors = true;
             let [deferred, forward, without] = compare(app, camera, object, frames);
             let (mean, far) = apart(&deferred, &forward);
             let (blank, _) = apart(&deferred, &without);
@@ -152,9 +140,8 @@ fn depth_and_hits_agree_far_away_and_in_parallel() {
             let mut at = BEFORE_THE_MIRROR;
             at.translation = around + Vec3::new(0.0, 0.0, 3.0 * scale);
             let camera = spawn_camera(app, at, SceneName::MirrorRoom);
-            app.world()
-                .entity_mut(camera)
-                .insert(ScreenSpaceAmbientOcclusion::default());
+            let occlusion = ScreenSpaceAmbientOcclusion::default();
+            app.world().entity_mut(camera).insert(occlusion);
             if let Some(projection) = projection {
                 app.world().entity_mut(camera).insert(projection);
             }
@@ -192,7 +179,7 @@ fn moving_forward_surfaces_have_no_more_noise() {
         reflect(app, camera, ReflectionTechnique::Converged);
         let truth = settle(app, camera, 256);
         let error = |app: &mut HeadlessApp, method| {
-            change(app, object, |material| material.opaque_render_method = method);
+            draw(app, object, method);
             reflect(app, camera, ReflectionTechnique::Variable);
             app.world().get_mut::<RayTracedReflections>(camera).unwrap().denoiser = default();
             settle(app, camera, 4);
@@ -219,21 +206,6 @@ fn center(app: &HeadlessApp) -> Vec3 {
     Vec3::from_slice(&app.capture_linear().unwrap()[middle])
 }
 
-fn sheet() -> Rectangle {
-    Rectangle::new(40.0, 40.0)
-}
-
-fn before(distance: f32) -> Transform {
-    Transform::from_xyz(0.0, 0.0, BEFORE_THE_MIRROR.translation.z - distance)
-}
-
-fn forward(material: StandardMaterial) -> StandardMaterial {
-    StandardMaterial {
-        opaque_render_method: OpaqueRendererMethod::Forward,
-        ..material
-    }
-}
-
 /// Glass in front of it wins, a deferred object hides it, and objects that rays don't see don't reflect for the surfaces behind them.
 #[test]
 fn what_stands_before_a_forward_surface_comes_first() {
@@ -241,8 +213,7 @@ fn what_stands_before_a_forward_surface_comes_first() {
         let app = &mut app;
         let camera = spawn_camera(app, BEFORE_THE_MIRROR, SceneName::MirrorRoom);
         spawn_mesh(app, sheet(), forward(metal(0.0)), before(4.0));
-        let at = Transform::from_xyz(0.0, 0.0, 6.0).looking_to(Vec3::Z, Vec3::Y);
-        spawn_mesh(app, Rectangle::new(400.0, 400.0), unlit(RED), at);
+        spawn_behind(app, RED);
         reflect(app, camera, ReflectionTechnique::Reference);
         let on = |app: &mut HeadlessApp| {
             settle(app, camera, 4);
@@ -295,8 +266,7 @@ fn what_stands_before_a_forward_surface_comes_first() {
         // A camera that doesn't draw it, and one that does.
         let world = app.world();
         world.entity_mut(camera).insert(RenderLayers::from_layers(&[0, 1]));
-        let at = before(3.0);
-        let object = spawn_mesh(app, sheet(), forward(metal(0.0)), at);
+        let object = spawn_mesh(app, sheet(), forward(metal(0.0)), before(3.0));
         app.world().entity_mut(object).insert(RenderLayers::layer(1));
         assert!(on(app).x > 0.95, "{tracer:?}");
         app.world().entity_mut(camera).insert(RenderLayers::layer(0));
@@ -307,23 +277,15 @@ fn what_stands_before_a_forward_surface_comes_first() {
 /// The depth of the prepass lacks objects without a prepass, but such an object hides the surfaces behind it.
 #[test]
 fn objects_without_a_prepass_cover_reflections() {
-    for tracer in any_tracer() {
-        let Some(mut app) = app_with(SIZE, Output::Linear, tracer, |app| {
-            app.add_plugins(MaterialPlugin::<Unprepared>::default());
-        }) else {
-            continue;
-        };
+    let plugins = |app: &mut App| _ = app.add_plugins(MaterialPlugin::<Unprepared>::default());
+    for (tracer, mut app) in apps_with(SIZE, Output::Linear, plugins) {
         let app = &mut app;
         let camera = spawn_camera(app, BEFORE_THE_MIRROR, SceneName::MirrorRoom);
         spawn_mesh(app, sheet(), forward(metal(0.0)), before(4.0));
-        let at = Transform::from_xyz(0.0, 0.0, 6.0).looking_to(Vec3::Z, Vec3::Y);
-        spawn_mesh(app, Rectangle::new(400.0, 400.0), unlit(RED), at);
-        let world = app.world();
-        let mesh = world.resource_mut::<Assets<Mesh>>().add(Rectangle::new(1.5, 1.5));
+        spawn_behind(app, RED);
         let (base, extension) = (forward(unlit(GREEN)), WithoutPrepass {});
-        let mut materials = world.resource_mut::<Assets<Unprepared>>();
-        let material = materials.add(Unprepared { base, extension });
-        let object = world.spawn((Mesh3d(mesh), MeshMaterial3d(material))).id();
+        let material = Unprepared { base, extension };
+        let object = spawn_of(app, Rectangle::new(1.5, 1.5), material, Transform::default());
         reflect(app, camera, ReflectionTechnique::Reference);
         let mut on = |distance: f32| {
             app.world().entity_mut(object).insert(before(distance));
@@ -357,9 +319,7 @@ fn without_forward_surfaces_nothing_is_held() {
         reflect(app, camera, ReflectionTechnique::Reference);
         settle(app, camera, 4);
         assert_eq!(layer_bytes(app), 0, "{tracer:?}");
-        change(app, sheet, |material| {
-            material.opaque_render_method = OpaqueRendererMethod::Forward;
-        });
+        draw(app, sheet, OpaqueRendererMethod::Forward);
         let on = settle(app, camera, 4);
         assert!(layer_bytes(app) > 0, "{tracer:?}");
         set_forward(app, camera, false);
@@ -381,7 +341,7 @@ fn without_forward_surfaces_nothing_is_held() {
         app.world().entity_mut(sheet).insert(before(4.0));
         assert!(settle(app, camera, 4) == on, "{tracer:?}");
         assert!(layer_bytes(app) > 0, "{tracer:?}");
-        change(app, sheet, |material| material.unlit = true);
+        edit_material(app, sheet, |material| material.unlit = true);
         (0..70).for_each(|_| frame(app));
         assert_eq!(layer_bytes(app), 0, "{tracer:?}: unlit");
     }
@@ -390,16 +350,12 @@ fn without_forward_surfaces_nothing_is_held() {
 /// `deferred_by_default` isn't needed, and rays replace probes.
 #[test]
 fn an_app_that_draws_everything_forward_has_reflections() {
-    for tracer in any_tracer() {
-        let Some(mut app) = app_with(SIZE, Output::Linear, tracer, |_| {}) else {
-            continue;
-        };
+    for (tracer, mut app) in apps(SIZE, Output::Linear) {
         let app = &mut app;
         app.world().insert_resource(DefaultOpaqueRendererMethod::forward());
         let camera = spawn_camera(app, BEFORE_THE_MIRROR, SceneName::Furnace);
         spawn_mesh(app, sheet(), metal(0.0), before(4.0));
-        let at = Transform::from_xyz(0.0, 0.0, 6.0).looking_to(Vec3::Z, Vec3::Y);
-        spawn_mesh(app, Rectangle::new(400.0, 400.0), unlit(RED), at);
+        spawn_behind(app, RED);
         reflect(app, camera, ReflectionTechnique::Variable);
         settle(app, camera, 4);
         let shown = center(app);
@@ -441,11 +397,8 @@ type Extended<E> = ExtendedMaterial<StandardMaterial, E>;
 
 /// A sheet that hides the right half of the one behind it.
 fn spawn_half<M: Material>(app: &mut HeadlessApp, material: M) -> Entity {
-    let world = app.world();
-    let mesh = world.resource_mut::<Assets<Mesh>>().add(Rectangle::new(20.0, 40.0));
-    let material = world.resource_mut::<Assets<M>>().add(material);
     let at = before(3.5) * Transform::from_xyz(10.0, 0.0, 0.0);
-    world.spawn((Mesh3d(mesh), MeshMaterial3d(material), at)).id()
+    spawn_of(app, Rectangle::new(20.0, 40.0), material, at)
 }
 
 /// Light in the middle of the left and of the right half.
@@ -459,23 +412,20 @@ fn halves(app: &HeadlessApp) -> [Vec3; 2] {
 /// surfaces to rays.
 #[test]
 fn materials_without_environment_and_stand_ins_look_as_ever() {
-    for tracer in any_tracer() {
-        let Some(mut app) = app_with(SIZE, Output::Linear, tracer, |app| {
-            app.add_plugins((
-                MaterialPlugin::<Extended<Lacquer>>::default(),
-                MaterialPlugin::<Extended<Toon>>::default(),
-                ReflectedMaterialPlugin::<Extended<Lacquer>>::default(),
-                ReflectedMaterialPlugin::<Extended<Toon>>::without_environment(),
-                // Adding it twice changes nothing.
-                ReflectedMaterialPlugin::<Extended<Toon>>::default(),
-            ));
-        }) else {
-            continue;
-        };
+    let plugins = |app: &mut App| {
+        app.add_plugins((
+            MaterialPlugin::<Extended<Lacquer>>::default(),
+            MaterialPlugin::<Extended<Toon>>::default(),
+            ReflectedMaterialPlugin::<Extended<Lacquer>>::default(),
+            ReflectedMaterialPlugin::<Extended<Toon>>::without_environment(),
+            // Adding it twice changes nothing.
+            ReflectedMaterialPlugin::<Extended<Toon>>::default(),
+        ));
+    };
+    for (tracer, mut app) in apps_with(SIZE, Output::Linear, plugins) {
         let app = &mut app;
         let camera = spawn_camera(app, BEFORE_THE_MIRROR, SceneName::Furnace);
-        let at = Transform::from_xyz(0.0, 0.0, 6.0).looking_to(Vec3::Z, Vec3::Y);
-        spawn_mesh(app, Rectangle::new(400.0, 400.0), unlit(RED), at);
+        spawn_behind(app, RED);
         let base = forward(metal(0.0));
         spawn_mesh(app, sheet(), base.clone(), before(4.0));
         reflect(app, camera, ReflectionTechnique::Reference);
@@ -492,17 +442,15 @@ fn materials_without_environment_and_stand_ins_look_as_ever() {
             (right, plain)
         };
 
-        let extension = Lacquer::default();
         let lacquer = Extended {
             base: base.clone(),
-            extension,
+            extension: Lacquer::default(),
         };
         let lacquer = spawn_half(app, lacquer);
         let (light, _) = shown(app, "lacquer");
         assert!(is_red(light), "{tracer:?}: {light}");
-        let world = app.world();
-        let stand_in = world.resource_mut::<Assets<StandardMaterial>>().add(base.clone());
-        world.entity_mut(lacquer).insert(ReflectedMaterial3d(stand_in));
+        let stand_in = add(app, base.clone());
+        app.world().entity_mut(lacquer).insert(ReflectedMaterial3d(stand_in));
         let (light, plain) = shown(app, "a stand-in");
         assert_eq!(light, plain, "{tracer:?}: a stand-in");
         app.world().entity_mut(lacquer).remove::<ReflectedMaterial3d>();

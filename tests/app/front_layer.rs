@@ -2,21 +2,20 @@
 
 use crate::{
     common::app_of,
-    pictures::{apps, reflect, warm_up},
-    stage::{BEFORE_THE_MIRROR, GREEN, RED, SIZE, frame, layer_bytes, share_picture, spawn_camera, spawn_mesh, unlit},
+    pictures::{apps, device_without, reflect, warm_up},
+    stage::{
+        BEFORE_THE_MIRROR, GREEN, RED, SIZE, add, before, clear_glass, cube_map, edit_material, frame, layer_bytes,
+        settings_of, share_picture, sheet, spawn_behind, spawn_camera, spawn_mesh, unlit,
+    },
 };
 use bevy::{
-    asset::RenderAssetUsages,
     camera::{Exposure, Viewport},
     image::Image,
     light::LightProbe,
     math::Vec3Swizzles,
     pbr::ScreenSpaceTransmission,
     prelude::*,
-    render::{
-        render_resource::{Extent3d, TextureDimension, TextureFormat, TextureViewDescriptor, TextureViewDimension},
-        settings::{WgpuFeatures, WgpuSettings},
-    },
+    render::settings::{WgpuFeatures, WgpuSettings},
 };
 use bevy_glint::{NotReflected, RayTracedReflections, ReflectionDenoiser, ReflectionTechnique, ReflectionTracerChoice};
 use glint_scenes::{HeadlessApp, HeadlessSettings, Output, SceneName};
@@ -30,34 +29,16 @@ const STRONG: f32 = 1.0;
 /// Adds its reflection to the surfaces behind it.
 fn pane(reflectance: f32, perceptual_roughness: f32) -> StandardMaterial {
     StandardMaterial {
-        base_color: Color::NONE,
-        alpha_mode: AlphaMode::Premultiplied,
         reflectance,
         perceptual_roughness,
-        ..default()
+        ..clear_glass()
     }
-}
-
-/// Covers the image.
-fn sheet() -> Rectangle {
-    Rectangle::new(40.0, 40.0)
-}
-
-/// At a distance before the camera, which looks along -z.
-fn before(distance: f32) -> Transform {
-    Transform::from_xyz(0.0, 0.0, BEFORE_THE_MIRROR.translation.z - distance)
 }
 
 /// Something that the camera sees and no ray.
 fn spawn_unreflected(app: &mut HeadlessApp, color: [u8; 3], at: Transform) {
     let object = spawn_mesh(app, sheet(), unlit(color), at);
     app.world().entity_mut(object).insert(NotReflected);
-}
-
-/// Something of a colour behind the camera.
-fn spawn_behind(app: &mut HeadlessApp, color: [u8; 3]) -> Entity {
-    let at = Transform::from_xyz(0.0, 0.0, 6.0).looking_to(Vec3::Z, Vec3::Y);
-    spawn_mesh(app, Rectangle::new(400.0, 400.0), unlit(color), at)
 }
 
 /// Linear colour of a pixel, as a part of the picture's size.
@@ -138,9 +119,7 @@ fn a_pane_in_a_white_furnace_adds_its_fresnel_term() {
 }
 
 fn set_material(app: &mut HeadlessApp, object: Entity, material: StandardMaterial) {
-    let world = app.world();
-    let id = world.get::<MeshMaterial3d<StandardMaterial>>(object).unwrap().id();
-    *world.resource_mut::<Assets<StandardMaterial>>().get_mut(id).unwrap() = material;
+    edit_material(app, object, |changed| *changed = material);
 }
 
 /// Traced light replaces the environment's light: a black wall before a pane darkens it in white surroundings.
@@ -171,10 +150,7 @@ fn a_pane_shows_what_is_before_it_in_place_of_the_environment() {
 /// Smoke over glass dims the environment's light on it, so less of that light can be removed.
 #[test]
 fn no_light_is_negative_where_glass_is_covered() {
-    let apart = WgpuSettings {
-        disabled_features: Some(WgpuFeatures::TEXTURE_ADAPTER_SPECIFIC_FORMAT_FEATURES),
-        ..default()
-    };
+    let apart = device_without(WgpuFeatures::TEXTURE_ADAPTER_SPECIFIC_FORMAT_FEATURES);
     for (name, device) in [("in place", WgpuSettings::default()), ("blended", apart)] {
         let settings = HeadlessSettings {
             size: SIZE,
@@ -228,46 +204,28 @@ fn each_kind_of_material_reflects_as_it_is_blended() {
             alpha_mode: AlphaMode::Blend,
             ..pane(STRONG, 0.0)
         };
+        let transmissive = StandardMaterial {
+            base_color: Color::BLACK,
+            alpha_mode: AlphaMode::Opaque,
+            specular_transmission: 1.0,
+            ..pane(STRONG, 0.0)
+        };
+        let unlit = StandardMaterial {
+            unlit: true,
+            ..pane(STRONG, 0.0)
+        };
+        let added = StandardMaterial {
+            alpha_mode: AlphaMode::Add,
+            ..pane(STRONG, 0.0)
+        };
         let cases = [
             ("premultiplied", pane(STRONG, 0.0), 0.16),
             ("blended", blend(0.5), 0.08),
             ("blended, invisible", blend(0.0), 0.0),
-            (
-                "transmissive",
-                StandardMaterial {
-                    base_color: Color::BLACK,
-                    alpha_mode: AlphaMode::Opaque,
-                    specular_transmission: 1.0,
-                    ..pane(STRONG, 0.0)
-                },
-                0.16,
-            ),
-            (
-                "transmissive, to cameras that draw none",
-                StandardMaterial {
-                    base_color: Color::BLACK,
-                    alpha_mode: AlphaMode::Opaque,
-                    specular_transmission: 1.0,
-                    ..pane(STRONG, 0.0)
-                },
-                0.0,
-            ),
-            (
-                "unlit",
-                StandardMaterial {
-                    unlit: true,
-                    ..pane(STRONG, 0.0)
-                },
-                0.0,
-            ),
-            (
-                "added",
-                StandardMaterial {
-                    alpha_mode: AlphaMode::Add,
-                    ..pane(STRONG, 0.0)
-                },
-                0.0,
-            ),
+            ("transmissive", transmissive.clone(), 0.16),
+            ("transmissive, to cameras that draw none", transmissive, 0.0),
+            ("unlit", unlit, 0.0),
+            ("added", added, 0.0),
         ];
         for (name, material, expected) in cases {
             set_material(app, sheet, material);
@@ -309,8 +267,7 @@ fn the_front_most_surface_reflects() {
         let [turned, ..] = center(app);
         assert!((turned - 0.16).abs() < 0.004, "{tracer:?}: {turned}");
         app.world().despawn(first);
-        let at = before(2.0);
-        spawn_mesh(app, Cuboid::from_length(1.0), unlit(GREEN), at);
+        spawn_mesh(app, Cuboid::from_length(1.0), unlit(GREEN), before(2.0));
         app.step(2);
         warm_up(app);
         app.step(4);
@@ -335,8 +292,8 @@ fn orthographic_cameras_and_split_screens_have_layers() {
         let camera = spawn_camera(app, BEFORE_THE_MIRROR, SceneName::MirrorRoom);
         spawn_unreflected(app, BLACK, before(60.0));
         // It covers the left half.
-        let left = before(3.0).with_translation(before(3.0).translation - 20.0 * Vec3::X);
-        let pane = spawn_mesh(app, sheet(), pane(STRONG, 0.0), left);
+        let aside = |x: f32| before(3.0) * Transform::from_xyz(x, 0.0, 0.0);
+        let pane = spawn_mesh(app, sheet(), pane(STRONG, 0.0), aside(-20.0));
         spawn_behind(app, RED);
         reflect(app, camera, ReflectionTechnique::Reference);
         let perspective = app.world().get::<Projection>(camera).unwrap().clone();
@@ -366,9 +323,7 @@ fn orthographic_cameras_and_split_screens_have_layers() {
             assert!((red - expected).abs() < 0.02, "{tracer:?}: {shown:?}");
         }
         // A pane that moves away is gone from its old place.
-        app.world()
-            .entity_mut(pane)
-            .insert(before(3.0).with_translation(before(3.0).translation + 20.0 * Vec3::X));
+        app.world().entity_mut(pane).insert(aside(20.0));
         app.step(6);
         let shown = [0.125, 0.375, 0.625, 0.875].map(|x| color_at(app, x, 0.5)[0]);
         for (red, expected) in shown.into_iter().zip([0.0, 0.16, 0.0, 0.16]) {
@@ -428,22 +383,21 @@ fn rough_panes_converge() {
         let camera = spawn_camera(app, BEFORE_THE_MIRROR, SceneName::MirrorRoom);
         spawn_unreflected(app, BLACK, before(60.0));
         spawn_mesh(app, sheet(), pane(STRONG, 0.4), before(3.0));
-        spawn_mesh(
-            app,
-            Cuboid::from_length(2.0),
-            unlit(RED),
-            Transform::from_xyz(0.0, 0.0, 4.0),
-        );
+        let at = Transform::from_xyz(0.0, 0.0, 4.0);
+        spawn_mesh(app, Cuboid::from_length(2.0), unlit(RED), at);
         reflect(app, camera, ReflectionTechnique::Converged);
         app.step(256);
-        let truth: Vec<f32> = app.capture_linear().unwrap().iter().map(|pixel| pixel[0]).collect();
+        let red = |app: &HeadlessApp| -> Vec<f32> {
+            let pixels = app.capture_linear().unwrap();
+            pixels.iter().map(|pixel| pixel[0]).collect()
+        };
+        let truth = red(app);
         reflect(app, camera, ReflectionTechnique::Variable);
-        let mut settings = app.world().get_mut::<RayTracedReflections>(camera).unwrap();
-        settings.denoiser = ReflectionDenoiser::default();
+        settings_of(app, camera).denoiser = ReflectionDenoiser::default();
         app.step(4);
         warm_up(app);
         app.step(96);
-        let shown: Vec<f32> = app.capture_linear().unwrap().iter().map(|pixel| pixel[0]).collect();
+        let shown = red(app);
         let mean = |values: &[f32]| values.iter().sum::<f32>() / values.len() as f32;
         let apart = truth.iter().zip(&shown).map(|(a, b)| (a - b).abs()).sum::<f32>() / truth.len() as f32;
         println!(
@@ -468,22 +422,7 @@ fn faces(app: &mut HeadlessApp) -> Handle<Image> {
         [0, 128, 255],
     ];
     let texels = COLORS.into_iter().flat_map(|[r, g, b]| [r, g, b, 255]).collect();
-    let size = Extent3d {
-        depth_or_array_layers: 6,
-        ..default()
-    };
-    let mut image = Image::new(
-        size,
-        TextureDimension::D2,
-        texels,
-        TextureFormat::Rgba8UnormSrgb,
-        RenderAssetUsages::default(),
-    );
-    image.texture_view_descriptor = Some(TextureViewDescriptor {
-        dimension: Some(TextureViewDimension::Cube),
-        ..default()
-    });
-    app.world().resource_mut::<Assets<Image>>().add(image)
+    add(app, cube_map(1, texels))
 }
 
 /// Over black, a pane in a reflection probe adds the light of rays and no light of the probe, anywhere in its box, with and without

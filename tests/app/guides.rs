@@ -1,9 +1,8 @@
 //! Textures about reflections for other plugins, read as such a plugin reads them.
 
 use crate::{
-    common::app,
-    pictures::warm_up,
-    stage::{BEFORE_THE_MIRROR, BLUE, RED, SIZE, frame, metal, report, spawn_camera, spawn_mesh, unlit, wall},
+    pictures::{linear_app, warm_up},
+    stage::{BEFORE_THE_MIRROR, BLUE, RED, SIZE, behind, frame, report, settings_of, spawn_mesh, spawn_mirror, unlit},
 };
 use bevy::{
     prelude::*,
@@ -15,9 +14,8 @@ use bevy::{
 };
 use bevy_glint::{
     RayTracedReflections, ReflectionDenoiser, ReflectionGuideTextures, ReflectionGuides, ReflectionTechnique,
-    ReflectionTracerChoice,
 };
-use glint_scenes::{HeadlessApp, Output, SceneName, decode_halves, read_texture};
+use glint_scenes::{HeadlessApp, SceneName, decode_halves, read_texture};
 
 /// Metres from the camera to the mirror, and from the mirror to the surface behind the camera.
 const TO_MIRROR: f32 = BEFORE_THE_MIRROR.translation.z;
@@ -33,10 +31,9 @@ struct Stage {
 
 impl Stage {
     fn new(roughness: f32) -> Option<Self> {
-        let mut app = app(SIZE, Output::Linear, ReflectionTracerChoice::Bvh)?;
-        let camera = spawn_camera(&mut app, BEFORE_THE_MIRROR, SceneName::MirrorRoom);
-        spawn_mesh(&mut app, wall(), metal(roughness), Transform::IDENTITY);
-        let facing_the_mirror = Transform::from_xyz(0.0, 0.0, BEHIND).looking_to(Vec3::Z, Vec3::Y);
+        let mut app = linear_app(SIZE)?;
+        let camera = spawn_mirror(&mut app, roughness, SceneName::MirrorRoom);
+        let facing_the_mirror = behind(BEHIND);
         spawn_mesh(&mut app, Rectangle::new(60.0, 60.0), unlit(RED), facing_the_mirror);
         app.world().entity_mut(camera).insert(RayTracedReflections {
             technique: ReflectionTechnique::Variable,
@@ -67,12 +64,8 @@ impl Stage {
     /// Draws some frames while the camera moves to the right.
     fn walk(&mut self, frames: u32) {
         for _ in 0..frames {
-            self.app
-                .world()
-                .get_mut::<Transform>(self.camera)
-                .unwrap()
-                .translation
-                .x += STEP;
+            let mut place = self.app.world().get_mut::<Transform>(self.camera).unwrap();
+            place.translation.x += STEP;
             self.app.step(1);
         }
     }
@@ -135,8 +128,7 @@ fn a_mirror_describes_its_image() {
         return;
     };
     for half_resolution in [false, true] {
-        let mut settings = stage.app.world().get_mut::<RayTracedReflections>(stage.camera).unwrap();
-        settings.denoiser = ReflectionDenoiser {
+        settings_of(&mut stage.app, stage.camera).denoiser = ReflectionDenoiser {
             half_resolution,
             ..default()
         };
@@ -181,14 +173,11 @@ fn cameras_without_the_component_have_no_guides() {
     stage.app.step(3);
     assert!(stage.guides().is_none(), "removed");
     assert_eq!(stage.bytes(), 0);
-    stage.app.world().entity_mut(stage.camera).insert(ReflectionGuides);
+    let camera = stage.camera;
+    stage.app.world().entity_mut(camera).insert(ReflectionGuides);
     stage.app.step(3);
     assert!(stage.guides().is_some(), "inserted again");
-    stage
-        .app
-        .world()
-        .entity_mut(stage.camera)
-        .remove::<RayTracedReflections>();
+    stage.app.world().entity_mut(camera).remove::<RayTracedReflections>();
     stage.app.step(3);
     assert!(stage.guides().is_none(), "without reflections");
 }
@@ -198,12 +187,11 @@ fn what_moves_before_a_mirror_is_reactive() {
     let Some(mut stage) = Stage::with_guides(0.0) else {
         return;
     };
-    let before = Transform::from_xyz(0.0, 0.0, 6.0).looking_to(Vec3::Z, Vec3::Y);
+    let before = behind(6.0);
     let board = spawn_mesh(&mut stage.app, Rectangle::new(4.0, 4.0), unlit(BLUE), before);
     // Mirrors with rays of their own, and without.
     for own_rays in [true, false] {
-        let mut settings = stage.app.world().get_mut::<RayTracedReflections>(stage.camera).unwrap();
-        settings.full_resolution_mirrors = own_rays;
+        settings_of(&mut stage.app, stage.camera).full_resolution_mirrors = own_rays;
         warm_up(&mut stage.app);
         stage.app.step(8);
         let [_, distance, mask] = stage.seen();

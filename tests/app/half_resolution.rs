@@ -1,14 +1,9 @@
 //! A denoiser at half the resolution shows what one at full resolution shows.
 
-use crate::{
-    common::app,
-    pictures::{COARSE, assert_flip, flip, use_coarse_shadow_maps, warm_up},
-};
+use crate::pictures::{COARSE, assert_flip, flip, picture_app, use_coarse_shadow_maps, warm_up};
 use bevy::{math::UVec2, prelude::*};
-use bevy_glint::{
-    RayTracedReflections, ReflectionDebugView, ReflectionTechnique, ReflectionTracerChoice, ShadingRateHeuristic,
-};
-use glint_scenes::{HeadlessApp, Output, SceneName};
+use bevy_glint::{RayTracedReflections, ReflectionDebugView, ReflectionTechnique, ShadingRateHeuristic};
+use glint_scenes::{HeadlessApp, SceneName};
 
 /// Not a multiple of two: the last texels have a part of their pixels.
 const SIZE: UVec2 = UVec2::new(183, 103);
@@ -22,7 +17,7 @@ const MIRROR_LIMIT: f32 = 0.002;
 const LEAST_LIGHT: f32 = 0.95;
 
 fn open(scene: SceneName) -> Option<(HeadlessApp, Entity)> {
-    let mut app = app(SIZE, Output::Picture, ReflectionTracerChoice::Bvh)?;
+    let mut app = picture_app(SIZE)?;
     use_coarse_shadow_maps(&mut app);
     let camera = app.spawn_scene(scene, &COARSE);
     Some((app, camera))

@@ -3,12 +3,14 @@
 use crate::{
     common::app,
     pictures::{any_tracer, apps, assert_flip, differing_pixels, red_pixels, warm_up},
-    stage::{BEFORE_THE_MIRROR, RED, SIZE, frame, metal, report, share_picture, spawn_camera, spawn_mesh, unlit, wall},
+    stage::{
+        BEFORE_THE_MIRROR, RED, SIZE, frame, metal, plain, report, share_picture, spawn_camera, spawn_mesh, unlit, wall,
+    },
 };
 use bevy::{camera::Viewport, prelude::*};
 use bevy_glint::{
-    RayTracedReflections, ReflectionBackend, ReflectionDebugView, ReflectionDenoiser, ReflectionTechnique,
-    ReflectionTracerChoice, ShadingRateTileSize,
+    RayTracedReflections, ReflectionBackend, ReflectionDebugView, ReflectionTechnique, ReflectionTracerChoice,
+    ShadingRateTileSize,
 };
 use core::f32::consts::PI;
 use glint_scenes::{HeadlessApp, Output, SceneName};
@@ -32,12 +34,9 @@ fn stage(app: &mut HeadlessApp) -> Entity {
 /// Smooth surfaces reflect, without noise; the rough wall doesn't.
 fn reflections() -> RayTracedReflections {
     RayTracedReflections {
-        technique: ReflectionTechnique::Reference,
-        denoiser: ReflectionDenoiser::OFF,
-        full_resolution_mirrors: false,
         roughness_cutoff: 0.6,
         roughness_fade: 0.0,
-        ..default()
+        ..plain()
     }
 }
 

@@ -1,43 +1,29 @@
 //! Levels that are loaded and unloaded: space is freed, and used again.
 
 use crate::{
-    common::{app, app_of},
-    pictures::{PATIENCE, apps, red_pixels, reflect, warm_up},
-    stage::{BEFORE_THE_MIRROR, RED, SIZE, frame, metal, report, spawn_camera, spawn_mesh, unlit, wall},
+    pictures::{PATIENCE, app_of_device, apps, device_without, picture_app, red_pixels, reflect, warm_up},
+    stage::{RED, SIZE, add, frame, report, spawn_mesh, spawn_mirror, texel, unlit, until},
 };
 use bevy::{
-    asset::RenderAssetUsages,
-    image::Image,
     prelude::*,
-    render::{
-        RenderApp,
-        render_resource::{Extent3d, TextureDimension, TextureFormat},
-        settings::{WgpuFeatures, WgpuSettings},
-    },
+    render::{RenderApp, settings::WgpuFeatures},
 };
 use bevy_glint::{
-    ReflectionStatusReport, ReflectionTechnique, ReflectionTextureMode, ReflectionTracerChoice,
+    ReflectionTechnique, ReflectionTextureMode,
     internals::{
         instances::SceneInstances, materials::MaterialTable, meshes::SceneMeshes, refuse_memory, textures::TextureTable,
     },
 };
-use glint_scenes::{HeadlessApp, HeadlessSettings, Output, SceneName, is_alone};
+use glint_scenes::{HeadlessApp, Output, SceneName, is_alone};
 use std::time::{Duration, Instant};
 
 /// Objects of a level. Each has its own mesh, material and image.
 const OBJECTS: usize = 40;
 const ROUNDS: usize = 50;
 
-fn image(app: &mut HeadlessApp, color: [u8; 3]) -> Handle<Image> {
-    let texel = [color[0], color[1], color[2], 255];
-    let (format, usage) = (TextureFormat::Rgba8UnormSrgb, RenderAssetUsages::default());
-    let image = Image::new_fill(Extent3d::default(), TextureDimension::D2, &texel, format, usage);
-    app.world().resource_mut::<Assets<Image>>().add(image)
-}
-
 fn spawn_textured(app: &mut HeadlessApp, mesh: impl Into<Mesh>, color: [u8; 3], at: Transform) -> Entity {
     let material = StandardMaterial {
-        base_color_texture: Some(image(app, color)),
+        base_color_texture: Some(add(app, texel(color))),
         alpha_mode: AlphaMode::Mask(0.5),
         ..unlit([255; 3])
     };
@@ -57,47 +43,45 @@ fn spawn_level(app: &mut HeadlessApp) -> Vec<Entity> {
 /// Renders until all objects can be hit, and no work is left.
 #[track_caller]
 fn until_there_are(app: &mut HeadlessApp, objects: usize) {
-    for _ in 0..2_000 {
-        app.step(1);
+    app.step(1);
+    until(app, &format!("not {objects} objects"), |app| {
         let report = report(app);
         let is_busy = report.meshes_pending > 0 || report.merges_pending || report.micromaps_pending;
-        if report.instances == objects && !is_busy {
-            return;
-        }
-    }
-    panic!("{objects} objects: {}", report(app));
+        report.instances == objects && !is_busy
+    });
 }
 
 /// Renders until all objects can be hit.
 fn until_loaded(app: &mut HeadlessApp) {
-    for _ in 0..2_000 {
-        app.step(1);
+    app.step(1);
+    until(app, "the level is not there", |app| {
         let report = report(app);
-        if report.instances == OBJECTS + 1 && report.meshes_pending == 0 {
-            // Their textures follow.
-            app.step(2);
-            return;
+        report.instances == OBJECTS + 1 && report.meshes_pending == 0
+    });
+    // Their textures follow.
+    app.step(2);
+}
+
+/// Renders until buffers have at most this number of bytes, or for many frames. They become smaller in parts, frame by frame.
+fn shrink(app: &mut HeadlessApp, most: u64) {
+    for _ in 0..PATIENCE {
+        if inventory(app).1[2] <= most {
+            break;
         }
+        app.step(1);
     }
-    panic!("{}", report(app));
 }
 
 /// Spawns a mirror and a camera that reflects before it, and waits until rays can hit the mirror.
-fn spawn_mirror(app: &mut HeadlessApp) -> Entity {
-    let mirror = spawn_mesh(app, wall(), metal(0.0), Transform::IDENTITY);
-    let camera = spawn_camera(app, BEFORE_THE_MIRROR, SceneName::MirrorRoom);
+fn load_mirror(app: &mut HeadlessApp) {
+    let camera = spawn_mirror(app, 0.0, SceneName::MirrorRoom);
     reflect(app, camera, ReflectionTechnique::Reference);
     until_there_are(app, 1);
-    mirror
 }
 
 /// Lengths of tables, bytes in use, and bytes of buffers.
 fn inventory(app: &mut HeadlessApp) -> ([usize; 4], [u64; 3]) {
-    let ReflectionStatusReport {
-        scene_bytes,
-        meshes_pending,
-        ..
-    } = report(app);
+    let report = report(app);
     let world = app.app().sub_app(RenderApp).world();
     let meshes = world.resource::<SceneMeshes>();
     (
@@ -105,9 +89,13 @@ fn inventory(app: &mut HeadlessApp) -> ([usize; 4], [u64; 3]) {
             world.resource::<SceneInstances>().slots().len(),
             world.resource::<MaterialTable>().materials().len(),
             world.resource::<TextureTable>().texture_count() as usize,
-            meshes_pending,
+            report.meshes_pending,
         ],
-        [meshes.geometry.used_bytes(), meshes.bvh.used_bytes(), scene_bytes],
+        [
+            meshes.geometry.used_bytes(),
+            meshes.bvh.used_bytes(),
+            report.scene_bytes,
+        ],
     )
 }
 
@@ -115,7 +103,7 @@ fn inventory(app: &mut HeadlessApp) -> ([usize; 4], [u64; 3]) {
 fn levels_that_go_give_everything_back() {
     for (tracer, mut app) in apps(SIZE / 4, Output::Picture) {
         let app = &mut app;
-        spawn_mirror(app);
+        load_mirror(app);
         let before = inventory(app);
         let mut loaded = None;
         for round in 0..ROUNDS {
@@ -137,13 +125,7 @@ fn levels_that_go_give_everything_back() {
         until_there_are(app, 1);
         assert!(loaded.is_some_and(|loaded| loaded.1[0] > 2 * before.1[0]));
         let [geometry, bvh, bytes] = before.1;
-        // Buffers become smaller in parts, frame by frame.
-        for _ in 0..PATIENCE {
-            if inventory(app).1[2] <= 2 * bytes {
-                break;
-            }
-            app.step(1);
-        }
+        shrink(app, 2 * bytes);
         // Trees that were in the way are merged again.
         until_there_are(app, 1);
         let after = inventory(app);
@@ -167,15 +149,14 @@ fn the_last_of_many_objects_keeps_no_table_long() {
     const CROWD: usize = 10_000;
     for (tracer, mut app) in apps(SIZE, Output::Picture) {
         let app = &mut app;
-        spawn_mirror(app);
+        load_mirror(app);
         let ([before, ..], [.., bytes]) = inventory(app);
-        let world = app.world();
-        let mesh = world.resource_mut::<Assets<Mesh>>().add(Cuboid::from_length(0.1));
-        let material = world.resource_mut::<Assets<StandardMaterial>>().add(unlit([0, 255, 0]));
+        let mesh = add(app, Mesh::from(Cuboid::from_length(0.1)));
+        let material = add(app, unlit([0, 255, 0]));
         let far = (0..CROWD).map(|i| Transform::from_xyz((i % 100) as f32 - 50.0, (i / 100) as f32 - 50.0, 90.0));
         let crowd = far.map(|place| (Mesh3d(mesh.clone()), MeshMaterial3d(material.clone()), place));
         let crowd: Vec<_> = crowd.collect();
-        let crowd: Vec<Entity> = world.spawn_batch(crowd).collect();
+        let crowd: Vec<Entity> = app.world().spawn_batch(crowd).collect();
         app.step(3);
         let survivor = Transform::from_xyz(0.0, 0.0, 6.0);
         spawn_mesh(app, Cuboid::from_length(1.5), unlit(RED), survivor);
@@ -193,12 +174,7 @@ fn the_last_of_many_objects_keeps_no_table_long() {
         let after = red_pixels(&app.capture().unwrap());
         assert_eq!(after, red, "{tracer:?}: pixels that show the last one");
         let large = inventory(app).1[2];
-        for _ in 0..1_000 {
-            if inventory(app).1[2] <= 2 * bytes {
-                break;
-            }
-            app.step(1);
-        }
+        shrink(app, 2 * bytes);
         let small = inventory(app).1[2];
         println!("{tracer:?}: {bytes} bytes of buffers, {large} when the crowd has gone, then {small}");
         assert!(
@@ -216,11 +192,11 @@ fn the_last_of_many_objects_keeps_no_table_long() {
 #[ignore = "long: waits for merged trees"]
 fn a_tree_merged_behind_a_level_lets_the_buffer_shrink() {
     // The other tracer doesn't merge.
-    let Some(mut app) = app(SIZE / 4, Output::Picture, ReflectionTracerChoice::Bvh) else {
-        return;
-    };
+    let Some(mut app) = picture_app(SIZE / 4) else { return };
     let app = &mut app;
-    let object = spawn_mirror(app);
+    load_mirror(app);
+    let world = app.world();
+    let object = world.query_filtered::<Entity, With<Mesh3d>>().single(world).unwrap();
     let (_, [geometry, bvh, bytes]) = inventory(app);
     let mut level = spawn_level(app);
     until_loaded(app);
@@ -248,12 +224,7 @@ fn a_tree_merged_behind_a_level_lets_the_buffer_shrink() {
     until_there_are(app, 1);
     let large = inventory(app).1[2];
     assert!(large > 2 * bytes, "{large} bytes of buffers, {bytes} before");
-    for _ in 0..1_000 {
-        if inventory(app).1[2] <= 2 * bytes {
-            break;
-        }
-        app.step(1);
-    }
+    shrink(app, 2 * bytes);
     until_there_are(app, 1);
     let (_, after) = inventory(app);
     assert_eq!(after[..2], [geometry, bvh], "bytes in use");
@@ -267,7 +238,7 @@ fn a_level_that_was_loaded_behind_another_lets_the_buffers_shrink() {
     const LATE: usize = 3;
     for (tracer, mut app) in apps(SIZE / 4, Output::Picture) {
         let app = &mut app;
-        spawn_mirror(app);
+        load_mirror(app);
         let bytes = inventory(app).1[2];
         let most = bytes / 2 * 3;
         let level = spawn_level(app);
@@ -282,12 +253,7 @@ fn a_level_that_was_loaded_behind_another_lets_the_buffers_shrink() {
         }
         until_there_are(app, 1 + LATE);
         let large = inventory(app).1[2];
-        for _ in 0..1_000 {
-            if inventory(app).1[2] < most {
-                break;
-            }
-            app.step(1);
-        }
+        shrink(app, most - 1);
         until_there_are(app, 1 + LATE);
         let after = inventory(app).1[2];
         println!("{tracer:?}: {bytes} bytes of buffers, {large} with two levels, {after} with the second");
@@ -297,16 +263,7 @@ fn a_level_that_was_loaded_behind_another_lets_the_buffers_shrink() {
 
 /// An app on a device that has textures in layers only.
 fn app_with_layers() -> Option<HeadlessApp> {
-    let device = WgpuSettings {
-        disabled_features: Some(WgpuFeatures::TEXTURE_BINDING_ARRAY),
-        ..default()
-    };
-    let settings = HeadlessSettings {
-        size: SIZE,
-        device,
-        ..default()
-    };
-    app_of(settings, ReflectionTracerChoice::Bvh, |_| {}, |_| {})
+    app_of_device(SIZE, device_without(WgpuFeatures::TEXTURE_BINDING_ARRAY))
 }
 
 /// Layers without memory show plain colours, and are requested again.
@@ -318,8 +275,7 @@ fn textures_without_memory_get_some_later() {
     let Some(mut app) = app_with_layers() else { return };
     let app = &mut app;
     let device = app.device().unwrap().clone();
-    spawn_mesh(app, wall(), metal(0.0), Transform::IDENTITY);
-    let camera = spawn_camera(app, BEFORE_THE_MIRROR, SceneName::MirrorRoom);
+    let camera = spawn_mirror(app, 0.0, SceneName::MirrorRoom);
     reflect(app, camera, ReflectionTechnique::Reference);
     refuse_memory(&device, true);
     for index in 0..20 {
@@ -348,8 +304,7 @@ fn a_texture_without_a_place_gets_one_later() {
     const PLACES: usize = 256;
     let Some(mut app) = app_with_layers() else { return };
     let app = &mut app;
-    spawn_mesh(app, wall(), metal(0.0), Transform::IDENTITY);
-    let camera = spawn_camera(app, BEFORE_THE_MIRROR, SceneName::MirrorRoom);
+    let camera = spawn_mirror(app, 0.0, SceneName::MirrorRoom);
     reflect(app, camera, ReflectionTechnique::Reference);
     assert_eq!(
         report(app).textures,

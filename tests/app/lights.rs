@@ -1,12 +1,11 @@
 //! Many lights: more than a hit has bits for when it is handed from tracing to shading.
 
 use crate::{
-    common::app,
-    pictures::{apps, assert_flip, red_pixels, reflect},
-    stage::{BEFORE_THE_MIRROR, SIZE, metal, spawn_camera, spawn_mesh, wall},
+    pictures::{apps, assert_flip, picture_app, red_pixels, reflect},
+    stage::{SIZE, behind, spawn_mesh, spawn_mirror, wall},
 };
 use bevy::prelude::*;
-use bevy_glint::{ReflectionTechnique, ReflectionTracerChoice};
+use bevy_glint::ReflectionTechnique;
 use glint_scenes::{HeadlessApp, Output, SceneName};
 
 /// In each direction of a grid: 100, of which 64 have bits.
@@ -32,19 +31,13 @@ fn spawn_lights(app: &mut HeadlessApp) {
 #[test]
 fn lights_without_bits_shine_and_cast_shadows() {
     for (tracer, mut app) in apps(SIZE, Output::Picture) {
-        spawn_mesh(&mut app, wall(), metal(0.0), Transform::IDENTITY);
-        let camera = spawn_camera(&mut app, BEFORE_THE_MIRROR, SceneName::MirrorRoom);
-        let behind = Transform::from_xyz(0.0, 0.0, 8.0).looking_to(Vec3::Z, Vec3::Y);
-        spawn_mesh(&mut app, wall(), StandardMaterial::from(Color::WHITE), behind);
+        let camera = spawn_mirror(&mut app, 0.0, SceneName::MirrorRoom);
+        spawn_mesh(&mut app, wall(), Color::WHITE.into(), behind(8.0));
         // Between each light with shadows and the wall.
         for (x, y) in [(-2.5, -2.5), (2.5, 2.5)] {
             let cube = Cuboid::from_length(0.3);
-            spawn_mesh(
-                &mut app,
-                cube,
-                StandardMaterial::from(Color::BLACK),
-                Transform::from_xyz(x, y, 7.3),
-            );
+            let at = Transform::from_xyz(x, y, 7.3);
+            spawn_mesh(&mut app, cube, StandardMaterial::from(Color::BLACK), at);
         }
         spawn_lights(&mut app);
         // Traces and shades in one pass, which doesn't need bits.
@@ -61,13 +54,9 @@ fn lights_without_bits_shine_and_cast_shadows() {
 /// More lights than reflections support: the strong ones are kept, whatever their kind.
 #[test]
 fn a_crowd_of_faint_lights_keeps_no_strong_one_out() {
-    let Some(mut app) = app(SIZE, Output::Picture, ReflectionTracerChoice::Bvh) else {
-        return;
-    };
-    spawn_mesh(&mut app, wall(), metal(0.0), Transform::IDENTITY);
-    let camera = spawn_camera(&mut app, BEFORE_THE_MIRROR, SceneName::MirrorRoom);
-    let behind = Transform::from_xyz(0.0, 0.0, 8.0).looking_to(Vec3::Z, Vec3::Y);
-    spawn_mesh(&mut app, wall(), StandardMaterial::from(Color::WHITE), behind);
+    let Some(mut app) = picture_app(SIZE) else { return };
+    let camera = spawn_mirror(&mut app, 0.0, SceneName::MirrorRoom);
+    spawn_mesh(&mut app, wall(), Color::WHITE.into(), behind(8.0));
     for index in 0..300u16 {
         let faint = PointLight {
             intensity: 0.001,
@@ -84,8 +73,7 @@ fn a_crowd_of_faint_lights_keeps_no_strong_one_out() {
         outer_angle: 1.2,
         ..default()
     };
-    app.world()
-        .spawn((strong, Transform::from_xyz(0.0, 0.0, 4.0).looking_to(Vec3::Z, Vec3::Y)));
+    app.world().spawn((strong, behind(4.0)));
     reflect(&mut app, camera, ReflectionTechnique::Reference);
     let red = red_pixels(&app.capture().unwrap());
     assert!(red > 1_000, "{red} pixels of the mirror show the spot light");

@@ -3,34 +3,23 @@
 mod random;
 
 use crate::{
-    common::app,
-    pictures::{differing_pixels, red_pixels, warm_up},
+    pictures::{differing_pixels, picture_app, red_pixels, warm_up},
     stage::{
-        BEFORE_THE_MIRROR, RED, SIZE, clear_glass, frame, layer_bytes, metal, report, share_app, spawn_camera,
-        spawn_mesh, unlit, until_at_rest, wall,
+        BEFORE_THE_MIRROR, RED, SIZE, clear_glass, frame, layer_bytes, metal, plain, report, settings_of, share_app,
+        spawn_camera, spawn_mesh, unlit, until_at_rest, wall,
     },
 };
 use bevy::prelude::*;
 use bevy_glint::{
-    RayTracedReflections, ReflectionDenoiser, ReflectionRetention, ReflectionTechnique, ReflectionTracerChoice,
-    ShadingRateHeuristic, internals::readback,
+    RayTracedReflections, ReflectionRetention, ReflectionTechnique, ReflectionTracerChoice, ShadingRateHeuristic,
+    internals::readback,
 };
 use core::time::Duration;
-use glint_scenes::{HeadlessApp, Output, SceneName};
+use glint_scenes::{HeadlessApp, SceneName};
 use std::time::Instant;
 
 /// Longer than any test.
 const FOREVER: ReflectionRetention = ReflectionRetention(Duration::from_secs(1_000_000));
-
-/// Without noise, so that frames can be compared.
-fn plain() -> RayTracedReflections {
-    RayTracedReflections {
-        technique: ReflectionTechnique::Reference,
-        denoiser: ReflectionDenoiser::OFF,
-        full_resolution_mirrors: false,
-        ..default()
-    }
-}
 
 /// A mirror, and behind the camera a red cube among other objects that are merged.
 fn spawn_scene(app: &mut HeadlessApp) {
@@ -226,12 +215,8 @@ fn a_frame_without_a_camera_loses_nothing(app: &mut HeadlessApp, tracer: Reflect
     // Changes in the meantime are visible in the first frame.
     activate(app, camera, false);
     frame(app);
-    let added = spawn_mesh(
-        app,
-        Cuboid::from_length(3.0),
-        unlit(RED),
-        Transform::from_xyz(0.0, 2.0, 5.5),
-    );
+    let at = Transform::from_xyz(0.0, 2.0, 5.5);
+    let added = spawn_mesh(app, Cuboid::from_length(3.0), unlit(RED), at);
     // A thread builds it.
     let start = Instant::now();
     while report(app).meshes <= before.meshes {
@@ -316,10 +301,7 @@ fn images_of_rates_can_take_turns(app: &mut HeadlessApp, tracer: ReflectionTrace
         "{tracer:?}: ready {ready}, {} red pixels",
         red(app)
     );
-    app.world()
-        .get_mut::<RayTracedReflections>(camera)
-        .unwrap()
-        .max_ray_length = 1.0;
+    settings_of(app, camera).max_ray_length = 1.0;
     (4..8).for_each(|index| turn(app, index));
     assert_eq!(red(app), 0, "{tracer:?}: settings are followed");
 }
@@ -412,9 +394,7 @@ fn until_whole(app: &mut HeadlessApp, meshes: usize) -> (u32, f64) {
 #[ignore = "long: two million triangles"]
 fn a_pause_of_a_large_scene_costs_nothing() {
     const MESHES: usize = 40;
-    let Some(mut app) = app(SIZE, Output::Picture, ReflectionTracerChoice::Bvh) else {
-        return;
-    };
+    let Some(mut app) = picture_app(SIZE) else { return };
     let app = &mut app;
     retain(app, FOREVER);
     spawn_mesh(app, wall(), metal(0.0), Transform::IDENTITY);

@@ -1,9 +1,9 @@
 //! More lights than hits evaluate one by one: some are sampled, and the mean is the light of all.
 
 use crate::{
-    common::{app, app_with},
-    pictures::{apps, reflect, use_coarse_shadow_maps, warm_up},
-    stage::{BEFORE_THE_MIRROR, SIZE, metal, spawn_camera, spawn_mesh, wall},
+    common::app_with,
+    pictures::{apps, linear_app, reflect, use_coarse_shadow_maps, warm_up},
+    stage::{SIZE, behind, settings_of, spawn_camera, spawn_mesh, spawn_mirror},
 };
 use bevy::{
     diagnostic::{DiagnosticPath, DiagnosticsStore},
@@ -24,14 +24,12 @@ const COLORS: [Color; 3] = [
 
 /// A room behind the camera, which the mirror before it shows, with objects that cast shadows.
 fn spawn_room(app: &mut HeadlessApp, mirror_roughness: f32) -> Entity {
-    spawn_mesh(app, wall(), metal(mirror_roughness), Transform::IDENTITY);
-    let camera = spawn_camera(app, BEFORE_THE_MIRROR, SceneName::MirrorRoom);
+    let camera = spawn_mirror(app, mirror_roughness, SceneName::MirrorRoom);
     let paint = StandardMaterial {
         perceptual_roughness: 0.5,
         ..StandardMaterial::from(Color::WHITE)
     };
-    let behind = Transform::from_xyz(0.0, 0.0, 10.0).looking_to(Vec3::Z, Vec3::Y);
-    spawn_mesh(app, Rectangle::new(30.0, 30.0), paint.clone(), behind);
+    spawn_mesh(app, Rectangle::new(30.0, 30.0), paint.clone(), behind(10.0));
     for index in 0..6 {
         let at = Transform::from_xyz(1.4 * index as f32 - 3.5, (index % 3) as f32 - 1.0, 8.0);
         spawn_mesh(app, Cuboid::from_length(0.8), paint.clone(), at);
@@ -110,8 +108,7 @@ fn drawn_lights_bring_the_light_of_all() {
                 continue;
             }
             reflect(app, camera, technique);
-            let mut settings = app.world().get_mut::<RayTracedReflections>(camera).unwrap();
-            settings.full_resolution_mirrors = own_rays;
+            settings_of(app, camera).full_resolution_mirrors = own_rays;
             // Halves have no noise.
             let [dark, first, second] =
                 [[false, false], [true, false], [false, true]].map(|half| light_of(app, &lights, half, 2));
@@ -156,12 +153,8 @@ fn spawn_street(app: &mut HeadlessApp) -> Entity {
         ..default()
     };
     let ground = paint(Color::srgb(0.2, 0.2, 0.2), 0.25);
-    spawn_mesh(
-        app,
-        Cuboid::new(9.0, 0.2, 90.0),
-        ground,
-        Transform::from_xyz(0.0, -0.1, -35.0),
-    );
+    let at = Transform::from_xyz(0.0, -0.1, -35.0);
+    spawn_mesh(app, Cuboid::new(9.0, 0.2, 90.0), ground, at);
     for index in 0..20u32 {
         let side = if index.is_multiple_of(2) { -1.0 } else { 1.0 };
         let at = Transform::from_xyz(side * 6.5, 4.0, -8.0 * (index / 2) as f32);
@@ -248,9 +241,7 @@ fn ten_thousand_lights_take_at_most_twice_the_time_of_ten() {
 /// Up to 256 lights are evaluated one by one, so shaders and images don't change: a single frame has no noise.
 #[test]
 fn up_to_256_lights_none_is_drawn() {
-    let Some(mut app) = app(SIZE, Output::Linear, ReflectionTracerChoice::Bvh) else {
-        return;
-    };
+    let Some(mut app) = linear_app(SIZE) else { return };
     let app = &mut app;
     use_coarse_shadow_maps(app);
     let camera = spawn_room(app, 0.0);

@@ -3,13 +3,12 @@
 use crate::{
     common::app_with,
     pictures::{BOTH, reflect, warm_up},
-    stage::{BEFORE_THE_MIRROR, BLUE, GREEN, RED, SIZE, metal, report, spawn_camera, spawn_mesh, unlit, wall},
+    stage::{BLUE, GREEN, RED, SIZE, add, behind, report, spawn_mesh, spawn_mirror, texel, unlit, wall},
 };
 use bevy::{
-    asset::RenderAssetUsages,
     pbr::{ExtendedMaterial, Lightmap, MaterialExtension},
     prelude::*,
-    render::render_resource::{AsBindGroup, Extent3d, TextureDimension, TextureFormat},
+    render::render_resource::AsBindGroup,
 };
 use bevy_glint::{
     ReflectedMaterial, ReflectedMaterial3d, ReflectedMaterialPlugin, ReflectedMesh3d, ReflectionTechnique,
@@ -63,19 +62,9 @@ fn stage(tracer: ReflectionTracerChoice) -> Option<HeadlessApp> {
             MaterialPlugin::<Mud>::default(),
         ));
     })?;
-    spawn_mesh(&mut app, wall(), metal(0.0), Transform::IDENTITY);
-    let camera = spawn_camera(&mut app, BEFORE_THE_MIRROR, SceneName::MirrorRoom);
+    let camera = spawn_mirror(&mut app, 0.0, SceneName::MirrorRoom);
     reflect(&mut app, camera, ReflectionTechnique::Reference);
     Some(app)
-}
-
-/// Behind the camera.
-fn behind() -> Transform {
-    Transform::from_xyz(0.0, 0.0, 8.0).looking_to(Vec3::Z, Vec3::Y)
-}
-
-fn add<A: Asset>(app: &mut HeadlessApp, asset: A) -> Handle<A> {
-    app.world().resource_mut::<Assets<A>>().add(asset)
 }
 
 fn water(color: [u8; 3]) -> Water {
@@ -117,26 +106,18 @@ fn materials_of_known_types_are_seen(app: &mut HeadlessApp) {
     assert_shows(app, "nothing", None);
     let mesh: Handle<Mesh> = add(app, wall().into());
     let water = add(app, water(RED));
-    let object = app
-        .world()
-        .spawn((Mesh3d(mesh), MeshMaterial3d(water.clone()), behind()))
-        .id();
+    let object = (Mesh3d(mesh), MeshMaterial3d(water.clone()), behind(8.0));
+    let object = app.world().spawn(object).id();
     assert_shows(app, "water", Some(RED));
-    app.world()
-        .resource_mut::<Assets<Water>>()
-        .get_mut(&water)
-        .unwrap()
-        .base = unlit(BLUE);
+    let mut waters = app.world().resource_mut::<Assets<Water>>();
+    waters.get_mut(&water).unwrap().base = unlit(BLUE);
     assert_shows(app, "water whose base changed", Some(BLUE));
     // In one frame, the new material's system can run before the old one's.
     let lava = add(app, Lava::default());
-    let swap = |app: &mut HeadlessApp| {
-        let mut object = app.world().entity_mut(object);
-        object
-            .remove::<MeshMaterial3d<Water>>()
-            .insert(MeshMaterial3d(lava.clone()));
-    };
-    swap(app);
+    let mut entity = app.world().entity_mut(object);
+    entity
+        .remove::<MeshMaterial3d<Water>>()
+        .insert(MeshMaterial3d(lava.clone()));
     assert_shows(app, "lava", Some(GREEN));
     let mut entity = app.world().entity_mut(object);
     entity
@@ -157,7 +138,7 @@ fn rays_hit_stand_ins(app: &mut HeadlessApp) {
     let wall: Handle<Mesh> = add(app, wall().into());
     let dot: Handle<Mesh> = add(app, Rectangle::new(0.01, 0.01).into());
     let green = add(app, unlit(GREEN));
-    let object = (Mesh3d(dot.clone()), MeshMaterial3d(green), behind());
+    let object = (Mesh3d(dot.clone()), MeshMaterial3d(green), behind(8.0));
     let object = app.world().spawn(object).id();
     assert_shows(app, "its own mesh", None);
     app.world().entity_mut(object).insert(ReflectedMesh3d(wall.clone()));
@@ -167,10 +148,8 @@ fn rays_hit_stand_ins(app: &mut HeadlessApp) {
     app.world().entity_mut(object).insert(ReflectedMesh3d(wall.clone()));
     app.world().entity_mut(object).remove::<Mesh3d>();
     assert_shows(app, "nothing else", Some(GREEN));
-    app.world()
-        .entity_mut(object)
-        .remove::<ReflectedMesh3d>()
-        .insert(Mesh3d(dot));
+    let mut entity = app.world().entity_mut(object);
+    entity.remove::<ReflectedMesh3d>().insert(Mesh3d(dot));
     assert_shows(app, "without the stand-in", None);
     app.world().entity_mut(object).insert(Mesh3d(wall.clone()));
     assert_shows(app, "another mesh", Some(GREEN));
@@ -198,11 +177,6 @@ fn mean_light(app: &mut HeadlessApp) -> [f32; 3] {
 }
 
 fn lightmaps_come_change_and_go(app: &mut HeadlessApp) {
-    let texel = |[red, green, blue]: [u8; 3]| {
-        let (format, usage) = (TextureFormat::Rgba8UnormSrgb, RenderAssetUsages::default());
-        let texel = [red, green, blue, 255];
-        Image::new_fill(Extent3d::default(), TextureDimension::D2, &texel, format, usage)
-    };
     let mesh = Mesh::from(wall());
     let uvs = mesh.attribute(Mesh::ATTRIBUTE_UV_0).unwrap().clone();
     let material = StandardMaterial {
@@ -211,7 +185,7 @@ fn lightmaps_come_change_and_go(app: &mut HeadlessApp) {
         ..default()
     };
     let mesh = mesh.with_inserted_attribute(Mesh::ATTRIBUTE_UV_1, uvs);
-    let object = spawn_mesh(app, mesh, material, behind());
+    let object = spawn_mesh(app, mesh, material, behind(8.0));
     let dark = mean_light(app);
     // The image arrives after the component that refers to it.
     let image = app.world().resource::<Assets<Image>>().reserve_handle();
@@ -222,10 +196,8 @@ fn lightmaps_come_change_and_go(app: &mut HeadlessApp) {
     app.world().entity_mut(object).insert(lightmap);
     assert_eq!(mean_light(app), dark, "before the image is loaded");
     for (color, channel) in [(RED, 0), (BLUE, 2)] {
-        app.world()
-            .resource_mut::<Assets<Image>>()
-            .insert(&image, texel(color))
-            .unwrap();
+        let mut images = app.world().resource_mut::<Assets<Image>>();
+        images.insert(&image, texel(color)).unwrap();
         let lit = mean_light(app);
         for other in 0..3 {
             let gain = lit[other] - dark[other];
@@ -247,7 +219,7 @@ fn unseen_objects_are_counted_and_told_once() {
     take_log();
     let mesh: Handle<Mesh> = add(&mut app, wall().into());
     let mud = add(&mut app, Mud::default());
-    let object = (Mesh3d(mesh), MeshMaterial3d(mud), behind());
+    let object = (Mesh3d(mesh), MeshMaterial3d(mud), behind(8.0));
     let objects: Vec<Entity> = (0..3).map(|_| app.world().spawn(object.clone()).id()).collect();
     app.step(40);
     assert_eq!(report(&mut app).unseen, [("Mud".to_owned(), 3)]);

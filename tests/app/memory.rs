@@ -1,14 +1,14 @@
 //! Memory that the device refuses for a while: reflections lack something meanwhile, and get it once memory is freed.
 
 use crate::{
-    common::app,
-    pictures::{apps, red_pixels, reflect, warm_up},
-    stage::{BEFORE_THE_MIRROR, RED, SIZE, clear_glass, frame, metal, report, spawn_camera, spawn_mesh, unlit, wall},
+    pictures::{apps, picture_app, red_pixels, reflect, warm_up},
+    stage::{
+        BEFORE_THE_MIRROR, RED, SIZE, clear_glass, frame, metal, report, spawn_camera, spawn_mesh, spawn_mirror, unlit,
+        wall,
+    },
 };
 use bevy::{camera::Viewport, prelude::*, render::renderer::RenderDevice};
-use bevy_glint::{
-    RayTracedReflections, ReflectionRetention, ReflectionTechnique, ReflectionTracerChoice, internals::refuse_memory,
-};
+use bevy_glint::{RayTracedReflections, ReflectionRetention, ReflectionTechnique, internals::refuse_memory};
 use core::time::Duration;
 use glint_scenes::{HeadlessApp, Output, SceneName, is_alone};
 use std::time::Instant;
@@ -59,8 +59,7 @@ fn what_the_device_had_no_memory_for_comes_once_it_has_some() {
     for (tracer, mut app) in apps(SIZE, Output::Picture) {
         let app = &mut app;
         let device: RenderDevice = app.device().unwrap().clone();
-        spawn_mesh(app, wall(), metal(0.0), Transform::IDENTITY);
-        let camera = spawn_camera(app, BEFORE_THE_MIRROR, SceneName::MirrorRoom);
+        let camera = spawn_mirror(app, 0.0, SceneName::MirrorRoom);
         reflect(app, camera, ReflectionTechnique::Reference);
 
         // The scene: tables, meshes, acceleration structures.
@@ -124,8 +123,7 @@ fn a_view_without_memory_keeps_the_environment_map() {
         app.world().insert_resource(ReflectionRetention(Duration::MAX));
         let device: RenderDevice = app.device().unwrap().clone();
         // White surroundings: a metal without reflections and without its environment's light would be black.
-        spawn_mesh(app, wall(), metal(0.3), Transform::IDENTITY);
-        let camera = spawn_camera(app, BEFORE_THE_MIRROR, SceneName::Furnace);
+        let camera = spawn_mirror(app, 0.3, SceneName::Furnace);
         reflect(app, camera, ReflectionTechnique::Reference);
         let bright = darkest(app);
         assert!(bright > 100, "{tracer:?}: {bright}");
@@ -183,9 +181,7 @@ fn cameras_that_are_away_make_room_for_others() {
 #[ignore = "long: frames of 3840x2160"]
 fn four_viewports_take_no_more_than_one() {
     const LARGE: UVec2 = UVec2::new(3840, 2160);
-    let Some(mut app) = app(LARGE, Output::Picture, ReflectionTracerChoice::Bvh) else {
-        return;
-    };
+    let Some(mut app) = picture_app(LARGE) else { return };
     let app = &mut app;
     spawn_mesh(app, wall(), metal(0.3), Transform::IDENTITY);
     spawn_mesh(app, wall(), clear_glass(), Transform::from_xyz(0.0, 0.0, 1.0));

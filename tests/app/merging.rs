@@ -1,27 +1,23 @@
 //! Static objects are merged into trees in world space, and merging must not be visible.
 
 use crate::{
-    common::app,
-    pictures::{assert_flip, flip, spawn, warm_up},
-    stage::{SIZE, report, until_at_rest},
+    pictures::{assert_flip, flip, picture_app, spawn, warm_up},
+    stage::{SIZE, add, edit_material, image, report, until_at_rest},
 };
 use bevy::{
-    asset::RenderAssetUsages,
     camera::Viewport,
     image::ImageSampler,
     math::{Affine2, UVec2},
     mesh::{UvChannel, VertexAttributeValues},
     prelude::*,
-    render::render_resource::{Extent3d, TextureDimension, TextureFormat},
+    render::render_resource::TextureFormat,
 };
-use bevy_glint::{RayTracedReflections, ReflectionStatusReport, ReflectionTechnique, ReflectionTracerChoice};
-use glint_scenes::{HeadlessApp, Output, SceneName};
+use bevy_glint::{RayTracedReflections, ReflectionStatusReport, ReflectionTechnique};
+use glint_scenes::{HeadlessApp, SceneName};
 
 #[test]
 fn merging_is_not_seen() {
-    let Some(mut app) = app(SIZE, Output::Picture, ReflectionTracerChoice::Bvh) else {
-        return;
-    };
+    let Some(mut app) = picture_app(SIZE) else { return };
     let camera = spawn(&mut app, SceneName::MirrorRoom, ReflectionTechnique::Reference);
     let first = app.capture().unwrap();
     let merged = until_merged(&mut app);
@@ -65,9 +61,7 @@ fn merging_is_not_seen() {
 #[test]
 #[ignore = "long: hundreds of frames until all is merged"]
 fn masked_objects_are_merged() {
-    let Some(mut app) = app(SIZE, Output::Picture, ReflectionTracerChoice::Bvh) else {
-        return;
-    };
+    let Some(mut app) = picture_app(SIZE) else { return };
     spawn(&mut app, SceneName::MirrorRoom, ReflectionTechnique::Reference);
     let solid = until_merged(&mut app);
     let opaque = app.capture().unwrap();
@@ -135,21 +129,10 @@ fn set_viewport(app: &mut HeadlessApp, viewport: Option<Viewport>) {
     }
 }
 
-fn picture(width: u32, height: u32, texels: Vec<u8>) -> Image {
-    let size = Extent3d {
-        width,
-        height,
-        ..default()
-    };
-    let format = TextureFormat::Rgba8UnormSrgb;
-    Image::new(size, TextureDimension::D2, texels, format, RenderAssetUsages::default())
-}
-
 /// An unlit object of the mirror room. Its texture is solid at its first UV coordinates, and cut out at the second ones.
 struct Subject {
     entity: Entity,
     mesh: AssetId<Mesh>,
-    material: AssetId<StandardMaterial>,
 }
 
 impl Subject {
@@ -161,16 +144,16 @@ impl Subject {
             .iter(world)
             .map(|(entity, mesh, material)| (entity, mesh.id(), material.id()))
             .find(|(_, _, id)| materials.get(*id).is_some_and(|material| material.unlit));
-        let (entity, mesh, material) = found.expect("all but the mirror are unlit");
-        let mut image = picture(2, 1, vec![255, 255, 255, 255, 255, 255, 255, 0]);
+        let (entity, mesh, _) = found.expect("all but the mirror are unlit");
+        let texels = vec![255, 255, 255, 255, 255, 255, 255, 0];
+        let mut image = image(UVec2::new(2, 1), TextureFormat::Rgba8UnormSrgb, texels);
         image.sampler = ImageSampler::nearest();
         let image = world.resource_mut::<Assets<Image>>().add(image);
-        let mut materials = world.resource_mut::<Assets<StandardMaterial>>();
-        let mut changed = materials.get_mut(material).expect("it was found");
-        changed.base_color_texture = Some(image);
-        changed.alpha_mode = AlphaMode::Mask(0.5);
-        drop(changed);
-        let subject = Self { entity, mesh, material };
+        edit_material(app, entity, |material| {
+            material.base_color_texture = Some(image);
+            material.alpha_mode = AlphaMode::Mask(0.5);
+        });
+        let subject = Self { entity, mesh };
         subject.edit_mesh(app, |mesh| {
             let count = mesh.count_vertices();
             mesh.insert_attribute(Mesh::ATTRIBUTE_UV_0, vec![[0.25f32, 0.5]; count]);
@@ -193,24 +176,21 @@ impl Subject {
             let uvs: Vec<[f32; 2]> = positions.iter().map(|p| [p[0] + p[2] + 0.5, p[1] + 0.5]).collect();
             mesh.insert_attribute(Mesh::ATTRIBUTE_UV_0, uvs);
         });
-        let mut image = picture(48, 48, texels);
+        let mut image = image(UVec2::splat(48), TextureFormat::Rgba8UnormSrgb, texels);
         image.sampler = ImageSampler::linear();
-        let image = app.world().resource_mut::<Assets<Image>>().add(image);
-        let mut materials = app.world().resource_mut::<Assets<StandardMaterial>>();
-        materials
-            .get_mut(self.material)
-            .expect("the material stays")
-            .base_color_texture = Some(image.clone());
+        let image = add(app, image);
+        let texture = Some(image.clone());
+        edit_material(app, self.entity, |material| material.base_color_texture = texture);
         warm_up(app);
         image
     }
 
     /// Chooses the UV coordinates, and moves the first ones.
     fn choose(&self, app: &mut HeadlessApp, channel: UvChannel, moved: f32) {
-        let mut materials = app.world().resource_mut::<Assets<StandardMaterial>>();
-        let mut material = materials.get_mut(self.material).expect("the material stays");
-        material.base_color_channel = channel;
-        material.uv_transform = Affine2::from_translation(Vec2::new(moved, 0.0));
+        edit_material(app, self.entity, |material| {
+            material.base_color_channel = channel;
+            material.uv_transform = Affine2::from_translation(Vec2::new(moved, 0.0));
+        });
     }
 }
 
@@ -218,9 +198,7 @@ impl Subject {
 #[test]
 #[ignore = "long: hundreds of frames until all is merged"]
 fn micromaps_are_not_seen() {
-    let Some(mut app) = app(SIZE, Output::Picture, ReflectionTracerChoice::Bvh) else {
-        return;
-    };
+    let Some(mut app) = picture_app(SIZE) else { return };
     spawn(&mut app, SceneName::MirrorRoom, ReflectionTechnique::Reference);
     until_merged(&mut app);
     let solid = app.capture().unwrap();
@@ -260,9 +238,7 @@ fn micromaps_are_not_seen() {
 /// in objects that count as moving, and in merged ones.
 #[test]
 fn cut_outs_follow_material_and_mesh() {
-    let Some(mut app) = app(SIZE, Output::Picture, ReflectionTracerChoice::Bvh) else {
-        return;
-    };
+    let Some(mut app) = picture_app(SIZE) else { return };
     spawn(&mut app, SceneName::MirrorRoom, ReflectionTechnique::Reference);
     until_merged(&mut app);
     let solid = app.capture().unwrap();

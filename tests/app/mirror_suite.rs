@@ -17,17 +17,18 @@ mod vertices;
 
 use crate::{
     pictures::{PATIENCE, apps, differing_pixels, dump, flip, reflect, warm_up},
-    stage::{BEFORE_THE_MIRROR, SIZE, metal, spawn_camera, spawn_mesh, wall},
+    stage::{
+        BEFORE_THE_MIRROR, SIZE, add, behind, edit_material, image, metal, settings_of, spawn_camera, spawn_mesh, wall,
+    },
 };
 use bevy::{
-    asset::RenderAssetUsages,
     camera::{Exposure, visibility::RenderLayers},
     core_pipeline::prepass::NormalPrepass,
     image::Image,
     light::NotShadowCaster,
     pbr::{Lightmap, ScreenSpaceTransmission},
     prelude::*,
-    render::render_resource::{Extent3d, TextureDimension, TextureFormat},
+    render::render_resource::TextureFormat,
 };
 use bevy_glint::{RayTracedReflections, ReflectionTechnique};
 use glint_scenes::{HeadlessApp, Output, SceneName};
@@ -101,10 +102,7 @@ impl<'a> Stage<'a> {
     }
 
     fn set_fog_before_the_mirror(&mut self, enabled: bool) {
-        let world = self.app.world();
-        let id = world.get::<MeshMaterial3d<StandardMaterial>>(self.mirror).unwrap().id();
-        let mut materials = world.resource_mut::<Assets<StandardMaterial>>();
-        materials.get_mut(id).unwrap().fog_enabled = enabled;
+        edit_material(self.app, self.mirror, |material| material.fog_enabled = enabled);
     }
 
     fn add(&mut self, bundle: impl Bundle) {
@@ -112,18 +110,36 @@ impl<'a> Stage<'a> {
         self.spawned.push(entity);
     }
 
+    fn put(&mut self, mesh: impl Into<Mesh>, material: StandardMaterial, at: Transform) -> Entity {
+        let entity = spawn_mesh(self.app, mesh, material, at);
+        self.spawned.push(entity);
+        entity
+    }
+
     /// Gives the camera a component.
     fn dress(&mut self, bundle: impl Bundle) {
         self.app.world().entity_mut(self.camera).insert(bundle);
     }
 
-    fn add_sun_with_shadows(&mut self, layers: RenderLayers) {
+    /// Gives a component to everything that was spawned.
+    fn dress_spawned(&mut self, bundle: impl Bundle + Clone) {
+        for &entity in &self.spawned {
+            self.app.world().entity_mut(entity).insert(bundle.clone());
+        }
+    }
+
+    /// A sun that shines in a direction. `more` is its other components.
+    fn add_sun(&mut self, illuminance: f32, shadow_maps_enabled: bool, direction: Vec3, more: impl Bundle) {
         let sun = DirectionalLight {
-            illuminance: 2000.0,
-            shadow_maps_enabled: true,
+            illuminance,
+            shadow_maps_enabled,
             ..default()
         };
-        self.add((sun, Transform::default().looking_to(SUN, Vec3::Y), layers));
+        self.add((sun, Transform::default().looking_to(direction, Vec3::Y), more));
+    }
+
+    fn add_sun_with_shadows(&mut self, layers: RenderLayers) {
+        self.add_sun(2000.0, true, SUN, layers);
     }
 
     /// Objects of one material behind the camera, near and far, with their fronts towards the mirror.
@@ -143,27 +159,16 @@ impl<'a> Stage<'a> {
                 &material,
                 Transform::from_xyz(2.0, -0.6, 8.5).with_rotation(Quat::from_rotation_y(0.6)),
             ),
-            (
-                back,
-                &white,
-                Transform::from_xyz(0.0, 0.0, 12.0).looking_to(Vec3::Z, Vec3::Y),
-            ),
+            (back, &white, behind(12.0)),
         ];
         for (mesh, material, at) in things {
-            let entity = spawn_mesh(self.app, mesh.unwrap(), material.clone(), at);
-            self.spawned.push(entity);
+            self.put(mesh.unwrap(), material.clone(), at);
         }
     }
 
     /// Like `spawn`, with sunlight.
     fn light_and_spawn(&mut self, material: StandardMaterial) {
-        self.add((
-            DirectionalLight {
-                illuminance: 2000.0,
-                ..default()
-            },
-            Transform::default().looking_to(self.sun, Vec3::Y),
-        ));
+        self.add_sun(2000.0, false, self.sun, ());
         self.spawn(material);
     }
 
@@ -186,7 +191,6 @@ impl<'a> Stage<'a> {
             unlit: true,
             ..default()
         };
-        let behind = Transform::from_xyz(0.0, 0.0, 12.0).looking_to(Vec3::Z, Vec3::Y);
         let block = Transform::from_xyz(2.0, -0.6, 8.5).with_rotation(Quat::from_rotation_y(0.6));
         let things: [(Mesh, _, _); 3] = [
             (
@@ -199,19 +203,17 @@ impl<'a> Stage<'a> {
                 &material,
                 block.with_scale(Vec3::new(2.0, 2.0, 1.0)),
             ),
-            (Rectangle::new(24.0, 20.0).into(), &checkered, behind),
+            (Rectangle::new(24.0, 20.0).into(), &checkered, behind(12.0)),
         ];
         for (mesh, material, at) in things {
-            let entity = spawn_mesh(self.app, mesh, material.clone(), at);
-            self.spawned.push(entity);
+            self.put(mesh, material.clone(), at);
         }
     }
 
     /// A sheet with its back towards the mirror, without tangents. With tangents Bevy would not turn its normals.
     fn turn_a_back(&mut self, material: StandardMaterial) {
         let at = Transform::from_xyz(0.6, 1.6, 7.5).with_rotation(Quat::from_rotation_y(0.3));
-        let entity = spawn_mesh(self.app, Rectangle::new(1.6, 1.6), material, at);
-        self.spawned.push(entity);
+        self.put(Rectangle::new(1.6, 1.6), material, at);
     }
 
     /// Gives the spawned objects a part of a lightmap.
@@ -245,19 +247,13 @@ impl<'a> Stage<'a> {
     /// An image of two colours, in squares.
     fn checkers(&mut self, even: [u8; 4], odd: [u8; 4], srgb: bool) -> Handle<Image> {
         let color = |i: u32| if (i % 8 + i / 8).is_multiple_of(2) { even } else { odd };
-        let size = Extent3d {
-            width: 8,
-            height: 8,
-            ..default()
-        };
         let format = if srgb {
             TextureFormat::Rgba8UnormSrgb
         } else {
             TextureFormat::Rgba8Unorm
         };
         let texels = (0..64).flat_map(color).collect();
-        let image = Image::new(size, TextureDimension::D2, texels, format, RenderAssetUsages::default());
-        self.app.world().resource_mut::<Assets<Image>>().add(image)
+        add(self.app, image(UVec2::splat(8), format, texels))
     }
 
     fn capture(&mut self) -> Vec<u8> {
@@ -269,8 +265,7 @@ impl<'a> Stage<'a> {
     fn in_the_mirror(&mut self) -> Vec<u8> {
         reflect(self.app, self.camera, self.technique);
         if self.own_rays || self.bounces > 1 {
-            let world = self.app.world();
-            let mut settings = world.get_mut::<RayTracedReflections>(self.camera).unwrap();
+            let mut settings = settings_of(self.app, self.camera);
             settings.full_resolution_mirrors = self.own_rays;
             settings.max_bounces = self.bounces;
             warm_up(self.app);

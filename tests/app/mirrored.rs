@@ -1,9 +1,8 @@
 //! Textures and shadows as a mirror shows them.
 
 use crate::{
-    common::app,
-    pictures::{apps_of_both, reflect, warm_up},
-    stage::{BEFORE_THE_MIRROR, GREEN, RED, SIZE, metal, spawn_camera, spawn_mesh, wall},
+    pictures::{apps_of_both, linear_app, reflect, warm_up},
+    stage::{GREEN, RED, SIZE, add, behind, edit_material, settings_of, spawn_mesh, spawn_mirror, wall},
 };
 use bevy::{
     asset::RenderAssetUsages,
@@ -12,13 +11,8 @@ use bevy::{
     prelude::*,
     render::render_resource::{Extent3d, TextureDimension, TextureFormat},
 };
-use bevy_glint::{RayTracedReflections, ReflectionTechnique, ReflectionTextureMip, ReflectionTracerChoice};
+use bevy_glint::{RayTracedReflections, ReflectionTechnique, ReflectionTextureMip};
 use glint_scenes::{HeadlessApp, Output, SceneName};
-
-/// Behind the camera, and turned to the mirror.
-fn behind() -> Transform {
-    Transform::from_xyz(0.0, 0.0, 8.0).looking_to(Vec3::Z, Vec3::Y)
-}
 
 /// Red at full size, green in all smaller levels.
 fn leveled_image() -> Image {
@@ -66,15 +60,14 @@ fn shown(app: &mut HeadlessApp) -> [f32; 2] {
 fn a_mirror_shows_the_level_that_fits_its_distance() {
     for (tracer, mut app) in apps_of_both(SIZE, Output::Picture) {
         let app = &mut app;
-        spawn_mesh(app, wall(), metal(0.0), Transform::IDENTITY);
-        let camera = spawn_camera(app, BEFORE_THE_MIRROR, SceneName::MirrorRoom);
-        let image = app.world().resource_mut::<Assets<Image>>().add(leveled_image());
+        let camera = spawn_mirror(app, 0.0, SceneName::MirrorRoom);
+        let image = add(app, leveled_image());
         let material = StandardMaterial {
             base_color_texture: Some(image),
             unlit: true,
             ..default()
         };
-        let textured = spawn_mesh(app, Rectangle::new(40.0, 40.0), material, behind());
+        let textured = spawn_mesh(app, Rectangle::new(40.0, 40.0), material, behind(8.0));
         reflect(app, camera, ReflectionTechnique::Reference);
         // Texels are larger than pixels, and then far smaller.
         for (repeats, mip, expected) in [
@@ -83,11 +76,10 @@ fn a_mirror_shows_the_level_that_fits_its_distance() {
             (64.0, ReflectionTextureMip::Fixed(0.0), RED),
             (2.0, ReflectionTextureMip::Fixed(3.0), GREEN),
         ] {
-            let world = app.world();
-            let id = world.get::<MeshMaterial3d<StandardMaterial>>(textured).unwrap().id();
-            let mut materials = world.resource_mut::<Assets<StandardMaterial>>();
-            materials.get_mut(id).unwrap().uv_transform = Affine2::from_scale(Vec2::splat(repeats));
-            world.get_mut::<RayTracedReflections>(camera).unwrap().texture_mip = mip;
+            edit_material(app, textured, |material| {
+                material.uv_transform = Affine2::from_scale(Vec2::splat(repeats));
+            });
+            settings_of(app, camera).texture_mip = mip;
             let [red, green] = shown(app);
             println!("{tracer}, {repeats} repeats, {mip:?}: red {red:.3}, green {green:.3}");
             let is_expected = if expected == RED {
@@ -105,12 +97,9 @@ fn a_mirror_shows_the_level_that_fits_its_distance() {
 
 #[test]
 fn a_mirror_shows_shadows_if_shadow_rays_are_on() {
-    let Some(mut app) = app(SIZE, Output::Linear, ReflectionTracerChoice::Bvh) else {
-        return;
-    };
+    let Some(mut app) = linear_app(SIZE) else { return };
     let app = &mut app;
-    spawn_mesh(app, wall(), metal(0.0), Transform::IDENTITY);
-    let camera = spawn_camera(app, BEFORE_THE_MIRROR, SceneName::MirrorRoom);
+    let camera = spawn_mirror(app, 0.0, SceneName::MirrorRoom);
     // Its back is visible, and shows the light that falls on it.
     let turned = Transform::from_xyz(0.0, 0.0, 8.0);
     let white = StandardMaterial {
@@ -120,12 +109,8 @@ fn a_mirror_shows_shadows_if_shadow_rays_are_on() {
     };
     spawn_mesh(app, wall(), white, turned);
     // Before the right half of the wall, and edge-on.
-    spawn_mesh(
-        app,
-        Cuboid::new(1.5, 1.5, 0.02),
-        StandardMaterial::from(Color::BLACK),
-        Transform::from_xyz(0.0, 0.0, 6.5),
-    );
+    let at = Transform::from_xyz(0.0, 0.0, 6.5);
+    spawn_mesh(app, Cuboid::new(1.5, 1.5, 0.02), Color::BLACK.into(), at);
     app.world().spawn((
         PointLight {
             intensity: 100_000.0,

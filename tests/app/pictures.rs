@@ -1,15 +1,17 @@
 //! Renders scenes and compares images.
 
-use crate::common::app;
+use crate::{
+    common::{app, app_of, app_with},
+    stage::{plain, report, settings_of, until},
+};
 use bevy::{
     light::{CascadeShadowConfig, DirectionalLightShadowMap, PointLightShadowMap},
     math::UVec2,
     prelude::*,
+    render::settings::{WgpuFeatures, WgpuLimits, WgpuSettings},
 };
-use bevy_glint::{
-    RayTracedReflections, ReflectionDenoiser, ReflectionStatus, ReflectionTechnique, ReflectionTracerChoice,
-};
-use glint_scenes::{HeadlessApp, Output, SceneName, SceneOptions, note_left_out};
+use bevy_glint::{RayTracedReflections, ReflectionTechnique, ReflectionTracerChoice};
+use glint_scenes::{HeadlessApp, HeadlessSettings, Output, SceneName, SceneOptions, note_left_out};
 use std::{env, ops::Range, path::PathBuf};
 
 /// Pixels per degree of the paper's display: 2,560 pixels over 0.5 m at 0.62 m.
@@ -43,13 +45,64 @@ pub fn any_tracer() -> impl Iterator<Item = ReflectionTracerChoice> {
 
 /// Apps for a test of steps before or after tracing, one after the other; see [`any_tracer`].
 pub fn apps(size: UVec2, output: Output) -> impl Iterator<Item = (ReflectionTracerChoice, HeadlessApp)> {
-    any_tracer().filter_map(move |tracer| Some((tracer, app(size, output, tracer)?)))
+    apps_with(size, output, |_| {})
+}
+
+/// Like [`apps`], with more plugins.
+pub fn apps_with(
+    size: UVec2,
+    output: Output,
+    add: impl Fn(&mut App),
+) -> impl Iterator<Item = (ReflectionTracerChoice, HeadlessApp)> {
+    any_tracer().filter_map(move |tracer| Some((tracer, app_with(size, output, tracer, &add)?)))
 }
 
 /// An app for each tracer that this machine supports, one after the other: for tests of ray hits.
 pub fn apps_of_both(size: UVec2, output: Output) -> impl Iterator<Item = (ReflectionTracerChoice, HeadlessApp)> {
     BOTH.into_iter()
         .filter_map(move |tracer| Some((tracer, app(size, output, tracer)?)))
+}
+
+/// An app with a picture, for tests of one tracer.
+pub fn picture_app(size: UVec2) -> Option<HeadlessApp> {
+    app(size, Output::Picture, ReflectionTracerChoice::Bvh)
+}
+
+/// An app with linear light, for tests of one tracer.
+pub fn linear_app(size: UVec2) -> Option<HeadlessApp> {
+    app(size, Output::Linear, ReflectionTracerChoice::Bvh)
+}
+
+/// An app of pictures on a device with fewer features or lower limits, for tests of one tracer.
+pub fn app_of_device(size: UVec2, device: WgpuSettings) -> Option<HeadlessApp> {
+    let settings = HeadlessSettings {
+        size,
+        device,
+        ..default()
+    };
+    app_of(settings, ReflectionTracerChoice::Bvh, |_| {}, |_| {})
+}
+
+pub fn limited(limits: WgpuLimits) -> WgpuSettings {
+    WgpuSettings {
+        constrained_limits: Some(limits),
+        ..default()
+    }
+}
+
+/// A device on which nothing can be traced.
+pub fn weak_device() -> WgpuSettings {
+    limited(WgpuLimits {
+        max_storage_buffers_per_shader_stage: 7,
+        ..default()
+    })
+}
+
+pub fn device_without(features: WgpuFeatures) -> WgpuSettings {
+    WgpuSettings {
+        disabled_features: Some(features),
+        ..default()
+    }
 }
 
 /// Makes shadow maps coarse, for images that differ only in their reflections: a CPU takes longer to draw fine ones than to trace
@@ -79,36 +132,25 @@ pub fn spawn(app: &mut HeadlessApp, scene: SceneName, technique: ReflectionTechn
 pub fn reflect(app: &mut HeadlessApp, camera: Entity, technique: ReflectionTechnique) {
     let settings = RayTracedReflections {
         technique,
-        denoiser: ReflectionDenoiser::OFF,
-        full_resolution_mirrors: false,
         roughness_cutoff: 1.0,
         roughness_fade: 0.0,
         forward: true,
-        ..default()
+        ..plain()
     };
     app.world().entity_mut(camera).insert(settings);
     warm_up(app);
-    app.world()
-        .entity_mut(camera)
-        .get_mut::<RayTracedReflections>()
-        .unwrap()
-        .reset = true;
+    settings_of(app, camera).reset = true;
 }
 
 /// Waits until pipelines are compiled and meshes are built.
 pub fn warm_up(app: &mut HeadlessApp) {
     app.warm_up(PATIENCE).unwrap_or_else(|error| panic!("{error}"));
-    for _ in 0..PATIENCE {
-        let report = app.world().resource::<ReflectionStatus>().report();
-        if report.ready && report.meshes_pending == 0 {
-            // The last upload is traced in the next frame.
-            app.step(2);
-            return;
-        }
-        std::thread::sleep(std::time::Duration::from_millis(1));
-        app.step(1);
-    }
-    panic!("not ready: {}", app.world().resource::<ReflectionStatus>().report());
+    until(app, "not ready", |app| {
+        let report = report(app);
+        report.ready && report.meshes_pending == 0
+    });
+    // The last upload is traced in the next frame.
+    app.step(2);
 }
 
 /// Returns the mean FLIP of two RGBA images. If it is above `limit`, both images and the error map are written and the test fails.
@@ -147,7 +189,8 @@ pub fn dump(name: &str, size: UVec2, expected: &[u8], actual: &[u8]) -> PathBuf 
     let map = flip(size, expected, actual).1;
     let gray = map
         .iter()
-        .flat_map(|error| [(error * 255.0) as u8, (error * 255.0) as u8, (error * 255.0) as u8, 255]);
+        .map(|error| (error * 255.0) as u8)
+        .flat_map(|gray| [gray, gray, gray, 255]);
     let path = folder.join(format!("{name}-difference.png"));
     glint_scenes::save_picture(size, gray.collect(), &path).unwrap_or_else(|error| panic!("{error}"));
     folder
@@ -157,6 +200,12 @@ pub fn dump(name: &str, size: UVec2, expected: &[u8], actual: &[u8]) -> PathBuf 
 pub fn differing_pixels(a: &[u8], b: &[u8], tolerance: u8) -> usize {
     let apart = |(a, b): &(&[u8], &[u8])| a.iter().zip(*b).any(|(a, b)| a.abs_diff(*b) > tolerance);
     a.chunks_exact(4).zip(b.chunks_exact(4)).filter(apart).count()
+}
+
+/// Pixels with a colour that differs by at most `tolerance` in each channel.
+pub fn pixels_like(picture: &[u8], color: [u8; 3], tolerance: u8) -> usize {
+    let is_like = |pixel: &&[u8]| pixel[..3].iter().zip(color).all(|(a, b)| a.abs_diff(b) <= tolerance);
+    picture.chunks_exact(4).filter(is_like).count()
 }
 
 pub fn red_pixels(picture: &[u8]) -> usize {

@@ -1,13 +1,12 @@
 //! Skinned and morphed meshes: a mirror shows them as they are drawn.
 
 use crate::{
-    common::app,
-    pictures::{assert_flip, flip, reflect, warm_up},
-    stage::{BEFORE_THE_MIRROR, SIZE, metal, report, share_app, spawn_camera, spawn_mesh, wall},
+    pictures::{assert_flip, flip, picture_app, reflect, warm_up},
+    stage::{SIZE, add, image, report, share_app, spawn_mesh, spawn_mirror, until},
 };
 use bevy::{
     asset::RenderAssetUsages,
-    image::{Image, ImageAddressMode, ImageSampler, ImageSamplerDescriptor},
+    image::{ImageAddressMode, ImageSampler, ImageSamplerDescriptor},
     math::Affine3A,
     mesh::{
         Indices, PrimitiveTopology, VertexAttributeValues,
@@ -15,17 +14,14 @@ use bevy::{
         skinning::{SkinnedMesh, SkinnedMeshInverseBindposes},
     },
     prelude::*,
-    render::{
-        RenderApp,
-        render_resource::{Extent3d, TextureDimension, TextureFormat},
-    },
+    render::{RenderApp, render_resource::TextureFormat},
 };
 use bevy_glint::{
     NotReflected, ReflectedPose, ReflectedPoseBudget, ReflectionTechnique, ReflectionTracerChoice,
     internals::meshes::SceneMeshes,
 };
 use core::f32::consts::{FRAC_PI_2, TAU};
-use glint_scenes::{HeadlessApp, Output, SceneName};
+use glint_scenes::{HeadlessApp, SceneName};
 
 /// Mean FLIP of two equal images: single pixels at edges differ by the rounding of vertices.
 const SAME: f32 = 0.0005;
@@ -183,8 +179,7 @@ fn bones(upper: Transform) -> [Affine3A; 2] {
 }
 
 fn stage(app: &mut HeadlessApp) -> Entity {
-    spawn_mesh(app, wall(), metal(0.0), Transform::IDENTITY);
-    let camera = spawn_camera(app, BEFORE_THE_MIRROR, SceneName::Demo);
+    let camera = spawn_mirror(app, 0.0, SceneName::Demo);
     let sun = DirectionalLight {
         illuminance: 20_000.0,
         ..default()
@@ -284,12 +279,8 @@ fn morph_targets_look_like_a_mesh_that_was_baked(app: &mut HeadlessApp, tracer: 
         "{tracer}: the targets change the picture by {other} alone"
     );
     let (positions, normals, indices) = tube();
-    let morphed = spawn_mesh(
-        app,
-        morphable(mesh_of(&positions, &normals, &indices)),
-        paint(),
-        shoulder(),
-    );
+    let at = shoulder();
+    let morphed = spawn_mesh(app, morphable(mesh_of(&positions, &normals, &indices)), paint(), at);
     let weights = |weights: [f32; 2]| MeshMorphWeights::Value {
         weights: weights.to_vec(),
     };
@@ -369,19 +360,13 @@ fn a_pose_stays_where_buffers_grow(app: &mut HeadlessApp, tracer: ReflectionTrac
 /// Paint with holes in stripes across the arm, and UV coordinates for it.
 fn cut_out(app: &mut HeadlessApp) -> StandardMaterial {
     let texels = [[255; 4], [255, 255, 255, 0]].concat();
-    let extent = Extent3d {
-        width: 1,
-        height: 2,
-        depth_or_array_layers: 1,
-    };
-    let (format, usage) = (TextureFormat::Rgba8UnormSrgb, RenderAssetUsages::default());
-    let mut image = Image::new(extent, TextureDimension::D2, texels, format, usage);
+    let mut image = image(UVec2::new(1, 2), TextureFormat::Rgba8UnormSrgb, texels);
     image.sampler = ImageSampler::Descriptor(ImageSamplerDescriptor {
         address_mode_v: ImageAddressMode::Repeat,
         ..ImageSamplerDescriptor::nearest()
     });
     StandardMaterial {
-        base_color_texture: Some(app.world().resource_mut::<Assets<Image>>().add(image)),
+        base_color_texture: Some(add(app, image)),
         alpha_mode: AlphaMode::Mask(0.5),
         cull_mode: None,
         double_sided: true,
@@ -398,14 +383,7 @@ fn with_uvs(mesh: Mesh) -> Mesh {
 /// Waits for as long as micromaps take.
 fn until_micromaps_rest(app: &mut HeadlessApp) {
     app.step(30);
-    for _ in 0..400 {
-        if !report(app).micromaps_pending {
-            return;
-        }
-        std::thread::sleep(std::time::Duration::from_millis(1));
-        app.step(1);
-    }
-    panic!("micromaps are still built: {}", report(app));
+    until(app, "micromaps are still built", |app| !report(app).micromaps_pending);
 }
 
 fn holes_stay_where_they_are_on_the_surface(app: &mut HeadlessApp, tracer: ReflectionTracerChoice) {
@@ -483,9 +461,7 @@ fn bad_skeletons_leave_a_picture(app: &mut HeadlessApp, tracer: ReflectionTracer
 
 #[test]
 fn the_budget_goes_to_the_nearest() {
-    let Some(mut app) = app(SIZE, Output::Picture, ReflectionTracerChoice::Bvh) else {
-        return;
-    };
+    let Some(mut app) = picture_app(SIZE) else { return };
     let app = &mut app;
     stage(app);
     let arms = [6.0, 20.0, 40.0].map(|z| {

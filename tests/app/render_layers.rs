@@ -1,10 +1,10 @@
 //! Cameras that draw different render layers, side by side.
 
 use crate::{
-    pictures::{apps_of_both, crop, differing_pixels, reflect, warm_up},
+    pictures::{apps_of_both, crop, differing_pixels, pixels_like, reflect, warm_up},
     stage::{
-        BEFORE_THE_MIRROR, GREEN, RED, SIZE, layer_bytes, metal, report, share_picture, spawn_camera, spawn_mesh,
-        unlit, wall,
+        BEFORE_THE_MIRROR, GREEN, RED, SIZE, behind, layer_bytes, metal, report, share_picture, spawn_camera,
+        spawn_mesh, unlit, wall,
     },
 };
 use bevy::{camera::visibility::RenderLayers, prelude::*};
@@ -21,13 +21,7 @@ fn count(app: &mut HeadlessApp, color: [u8; 3]) -> [usize; 2] {
 }
 
 fn count_in(picture: &[u8], color: [u8; 3]) -> usize {
-    let is_near = |pixel: &&[u8]| {
-        pixel
-            .iter()
-            .zip(color)
-            .all(|(value, wanted)| value.abs_diff(wanted) < 25)
-    };
-    picture.chunks_exact(4).filter(is_near).count()
+    pixels_like(picture, color, 24)
 }
 
 #[test]
@@ -37,7 +31,7 @@ fn each_camera_reflects_what_it_draws() {
         spawn_mesh(app, wall(), metal(0.0), Transform::IDENTITY);
         // The red sheet hides the green one.
         for (color, distance, layer) in [(RED, 7.0, 1), (GREEN, 8.0, 2)] {
-            let at = Transform::from_xyz(0.0, 0.0, distance).looking_to(Vec3::Z, Vec3::Y);
+            let at = behind(distance);
             let sheet = spawn_mesh(app, Rectangle::new(60.0, 60.0), unlit(color), at);
             app.world().entity_mut(sheet).insert(RenderLayers::layer(layer));
         }
@@ -77,19 +71,14 @@ fn what_no_camera_shows_only_casts_shadows() {
     for (tracer, mut app) in apps_of_both(SIZE, Output::Picture) {
         let app = &mut app;
         spawn_mesh(app, wall(), metal(0.0), Transform::IDENTITY);
-        let at = |z: f32| Transform::from_xyz(0.0, 0.0, z).looking_to(Vec3::Z, Vec3::Y);
-        spawn_mesh(app, Rectangle::new(60.0, 60.0), StandardMaterial::default(), at(12.0));
+        spawn_mesh(app, Rectangle::new(60.0, 60.0), default(), behind(12.0));
         let sun = DirectionalLight {
             illuminance: 2000.0,
             shadow_maps_enabled: true,
             ..default()
         };
-        let sun = app.world().spawn((
-            sun,
-            at(0.0).looking_to(Vec3::Z, Vec3::Y),
-            RenderLayers::from_layers(&[0, 3]),
-        ));
-        let sun = sun.id();
+        let layers = RenderLayers::from_layers(&[0, 3]);
+        let sun = app.world().spawn((sun, behind(0.0), layers)).id();
         let camera = spawn_camera(app, BEFORE_THE_MIRROR, SceneName::MirrorRoom);
         reflect(app, camera, ReflectionTechnique::Reference);
         warm_up(app);
@@ -103,7 +92,7 @@ fn what_no_camera_shows_only_casts_shadows() {
                 ..unlit(RED)
             });
         for material in materials {
-            let sheet = spawn_mesh(app, Rectangle::new(3.0, 3.0), material, at(8.0));
+            let sheet = spawn_mesh(app, Rectangle::new(3.0, 3.0), material, behind(8.0));
             app.world().entity_mut(sheet).insert(RenderLayers::layer(3));
         }
         for _ in 0..4 {
@@ -120,10 +109,8 @@ fn what_no_camera_shows_only_casts_shadows() {
         assert!(shadow > 100, "{tracer}: a shadow of {shadow} pixels");
         assert_eq!(layer_bytes(app), 0, "{tracer}: nothing transparent is seen");
         // Without shadows, or on the camera's layers alone, the light needs none of them.
-        app.world()
-            .get_mut::<DirectionalLight>(sun)
-            .unwrap()
-            .shadow_maps_enabled = false;
+        let mut sun = app.world().get_mut::<DirectionalLight>(sun).unwrap();
+        sun.shadow_maps_enabled = false;
         app.step(4);
         assert_eq!(report(app).instances, 2, "{tracer}");
     }

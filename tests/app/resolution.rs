@@ -1,8 +1,7 @@
 //! Views with a constantly changing size keep their history and their textures: dynamic resolution, and viewports that grow.
 
 use crate::{
-    common::app,
-    pictures::{reflect, warm_up},
+    pictures::{picture_app, reflect, warm_up},
     stage::{metal, report, spawn_camera, spawn_mesh, unlit},
 };
 use bevy::{
@@ -11,8 +10,8 @@ use bevy::{
     prelude::*,
     render::{RenderApp, sync_world::RenderEntity},
 };
-use bevy_glint::{RayTracedReflections, ReflectionTechnique, ReflectionTracerChoice};
-use glint_scenes::{HeadlessApp, Output, SceneName};
+use bevy_glint::{RayTracedReflections, ReflectionTechnique};
+use glint_scenes::{HeadlessApp, SceneName};
 
 const SIZE: UVec2 = UVec2::new(128, 80);
 /// A part of SIZE, and not a multiple of a tile.
@@ -36,7 +35,8 @@ fn scene(app: &mut HeadlessApp) -> Entity {
     spawn_camera(app, view, SceneName::MirrorRoom)
 }
 
-fn resize(app: &mut HeadlessApp, camera: Entity, size: UVec2) {
+/// Has a camera render at a lower resolution, into a corner of its target.
+pub fn resize(app: &mut HeadlessApp, camera: Entity, size: UVec2) {
     let view = app.world().get::<RenderEntity>(camera).unwrap().id();
     let render_world = app.app().sub_app_mut(RenderApp).world_mut();
     render_world.entity_mut(view).insert(MainPassResolutionOverride(size));
@@ -67,9 +67,7 @@ fn dynamic_resolution_keeps_history_and_textures_for_long() {
 }
 
 fn change_size(steps: u32) {
-    let Some(mut app) = app(SIZE, Output::Picture, ReflectionTracerChoice::Bvh) else {
-        return;
-    };
+    let Some(mut app) = picture_app(SIZE) else { return };
     let app = &mut app;
     let camera = scene(app);
     app.step(2);
@@ -127,9 +125,7 @@ fn change_size(steps: u32) {
 #[test]
 fn a_viewport_that_grows_is_made_anew_a_few_times() {
     let size = UVec2::new(160, 96);
-    let Some(mut app) = app(size, Output::Picture, ReflectionTracerChoice::Bvh) else {
-        return;
-    };
+    let Some(mut app) = picture_app(size) else { return };
     let app = &mut app;
     let camera = scene(app);
     app.world().entity_mut(camera).insert(RayTracedReflections::default());

@@ -5,7 +5,9 @@ mod march;
 use crate::{
     common::app_of,
     pictures::{any_tracer, apps, differing_pixels, dump, flip, reflect, warm_up},
-    stage::{BLUE, SIZE, clear_glass, metal, report, spawn_camera, spawn_mesh, unlit, until_at_rest},
+    stage::{
+        BLUE, SIZE, clear_glass, metal, report, set_shader, spawn_camera, spawn_mesh, spawn_of, unlit, until_at_rest,
+    },
 };
 use bevy::{
     asset::uuid_handle,
@@ -92,10 +94,7 @@ impl Stage {
             ));
         };
         let mut app = app_of(settings, tracer, |_| {}, add)?;
-        let mut shaders = app.world().resource_mut::<Assets<Shader>>();
-        shaders
-            .insert(&SHADER, Shader::from_wesl(SOURCE, "tests/stripes_of_screen.wesl"))
-            .unwrap();
+        set_shader(&mut app, &SHADER, SOURCE, "tests/stripes_of_screen.wesl");
         let lying = Transform::default().looking_to(Vec3::NEG_Y, Vec3::NEG_Z);
         let floor = spawn_mesh(&mut app, Rectangle::new(30.0, 30.0), floor, lying);
         let board = spawn_board(&mut app, place(0.7));
@@ -163,6 +162,16 @@ impl Stage {
         self.app.capture().unwrap()
     }
 
+    /// Returns a name for images.
+    fn trace_by(&mut self, (technique, own_rays, max_bounces): (ReflectionTechnique, bool, u32)) -> String {
+        self.set(|settings| {
+            settings.technique = technique;
+            settings.full_resolution_mirrors = own_rays;
+            settings.max_bounces = max_bounces;
+        });
+        format!("{technique:?}-{max_bounces}")
+    }
+
     /// Bytes of the copied screen, and of all that the camera owns.
     fn bytes(&mut self) -> (u64, u64) {
         let memory = report(&mut self.app).view_memory;
@@ -176,16 +185,21 @@ impl Stage {
 }
 
 fn spawn_board(app: &mut HeadlessApp, at: Transform) -> Entity {
-    let world = app.world();
-    let mesh = world.resource_mut::<Assets<Mesh>>().add(Rectangle::new(2.0, 1.0));
-    let material = world.resource_mut::<Assets<Stripes>>().add(Stripes {});
-    world.spawn((Mesh3d(mesh), MeshMaterial3d(material), at)).id()
+    spawn_of(app, Rectangle::new(2.0, 1.0), Stripes {}, at)
 }
 
 /// The lower half of an image, which shows the floor.
 fn lower(picture: &[u8]) -> &[u8] {
     &picture[picture.len() / 2..]
 }
+
+/// Techniques, whether mirrors have their own rays, and bounces. Rays of blocks come first, then mirrors in parallel to the shading of
+/// their hits, and before they bounce.
+const WAYS: [(ReflectionTechnique, bool, u32); 3] = [
+    (ReflectionTechnique::Reference, false, 1),
+    (ReflectionTechnique::Variable, true, 1),
+    (ReflectionTechnique::Quarter, true, 3),
+];
 
 const LOWER: UVec2 = UVec2::new(SIZE.x, SIZE.y / 2);
 
@@ -197,18 +211,8 @@ fn reflections_show_the_shaders_of_the_screen() {
         };
         reflect(&mut stage.app, stage.camera, ReflectionTechnique::Reference);
         let expected = stage.expected();
-        for (technique, own_rays, max_bounces) in [
-            // Rays of blocks: in parallel to the shading of their hits, alone, and before they bounce.
-            (ReflectionTechnique::Reference, false, 1),
-            (ReflectionTechnique::Variable, true, 1),
-            (ReflectionTechnique::Quarter, true, 3),
-        ] {
-            let name = format!("screen-{tracer:?}-{technique:?}-{max_bounces}");
-            stage.set(|settings| {
-                settings.technique = technique;
-                settings.full_resolution_mirrors = own_rays;
-                settings.max_bounces = max_bounces;
-            });
+        for way in WAYS {
+            let name = format!("screen-{tracer:?}-{}", stage.trace_by(way));
             stage.assert_shows(&name, &expected);
         }
         the_ground_truth_shades_all(&mut stage);

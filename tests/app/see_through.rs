@@ -1,17 +1,15 @@
 //! Blended and transmissive surfaces in a mirror: rays pass through them stochastically, and the mean equals blending.
 
 use crate::{
-    common::app,
-    pictures::{BOTH, apps, apps_of_both, reflect, warm_up},
-    stage::{BEFORE_THE_MIRROR, BLUE, GREEN, RED, SIZE, metal, spawn_camera, spawn_mesh, unlit, wall},
+    pictures::{apps, apps_of_both, linear_app, reflect, warm_up},
+    stage::{BLUE, GREEN, RED, SIZE, add, behind, edit_material, image, settings_of, spawn_mesh, spawn_mirror, unlit},
 };
 use bevy::{
-    asset::RenderAssetUsages,
     image::{ImageAddressMode, ImageSampler, ImageSamplerDescriptor},
     math::Affine2,
     mesh::UvChannel,
     prelude::*,
-    render::render_resource::{Extent3d, TextureDimension, TextureFormat},
+    render::render_resource::TextureFormat,
 };
 use bevy_glint::{RayTracedReflections, ReflectionDenoiser, ReflectionTechnique};
 use glint_scenes::{HeadlessApp, Output, SceneName};
@@ -25,22 +23,18 @@ fn shown(app: &mut HeadlessApp) -> [f32; 2] {
 
 /// A red pane before a green wall, both behind the camera, which looks into a mirror. Returns the pane.
 fn spawn_pane(app: &mut HeadlessApp) -> (Entity, Entity) {
-    spawn_mesh(app, wall(), metal(0.0), Transform::IDENTITY);
-    let camera = spawn_camera(app, BEFORE_THE_MIRROR, SceneName::MirrorRoom);
-    let behind = |z: f32| Transform::from_xyz(0.0, 0.0, z).looking_to(Vec3::Z, Vec3::Y);
+    let camera = spawn_mirror(app, 0.0, SceneName::MirrorRoom);
     let pane = spawn_mesh(app, Rectangle::new(40.0, 40.0), unlit(RED), behind(6.0));
     spawn_mesh(app, Rectangle::new(80.0, 80.0), unlit(GREEN), behind(9.0));
     (camera, pane)
 }
 
 fn set_material(app: &mut HeadlessApp, pane: Entity, alpha: f32, alpha_mode: AlphaMode, specular_transmission: f32) {
-    let world = app.world();
-    let id = world.get::<MeshMaterial3d<StandardMaterial>>(pane).unwrap().id();
-    let mut materials = world.resource_mut::<Assets<StandardMaterial>>();
-    let mut material = materials.get_mut(id).unwrap();
-    material.base_color.set_alpha(alpha);
-    material.alpha_mode = alpha_mode;
-    material.specular_transmission = specular_transmission;
+    edit_material(app, pane, |material| {
+        material.base_color.set_alpha(alpha);
+        material.alpha_mode = alpha_mode;
+        material.specular_transmission = specular_transmission;
+    });
 }
 
 #[test]
@@ -82,11 +76,9 @@ fn panes_in_an_exact_mirror_have_no_grain() {
     for (tracer, mut app) in apps(SIZE, Output::Linear) {
         let app = &mut app;
         let (camera, pane) = spawn_pane(app);
-        let second = Transform::from_xyz(0.0, 0.0, 7.0).looking_to(Vec3::Z, Vec3::Y);
-        let second = spawn_mesh(app, Rectangle::new(60.0, 60.0), unlit(BLUE), second);
+        let second = spawn_mesh(app, Rectangle::new(60.0, 60.0), unlit(BLUE), behind(7.0));
         reflect(app, camera, ReflectionTechnique::Quarter);
-        let mut settings = app.world().get_mut::<RayTracedReflections>(camera).unwrap();
-        settings.full_resolution_mirrors = true;
+        settings_of(app, camera).full_resolution_mirrors = true;
         // Alpha and transmission of the red pane, and of the blue one.
         for (red, blue, expected) in [
             ((0.5, 0.0), (0.0, 0.0), [0.5, 0.5, 0.0]),
@@ -116,7 +108,7 @@ fn panes_in_an_exact_mirror_have_no_grain() {
             ..unlit(RED)
         };
         for z in 0..6 {
-            let place = Transform::from_xyz(0.0, 0.0, 6.0 + 0.25 * z as f32).looking_to(Vec3::Z, Vec3::Y);
+            let place = behind(6.0 + 0.25 * z as f32);
             spawn_mesh(app, Rectangle::new(60.0, 60.0), glass.clone(), place);
         }
         warm_up(app);
@@ -130,22 +122,23 @@ fn panes_in_an_exact_mirror_have_no_grain() {
     }
 }
 
+fn tinted_glass([red, green, blue]: [f32; 3]) -> StandardMaterial {
+    StandardMaterial {
+        base_color: Color::linear_rgb(red, green, blue),
+        specular_transmission: 1.0,
+        ..default()
+    }
+}
+
 /// Coloured glass tints the surfaces behind it, and nothing in front of it, regardless of the number of panes. All passes do this.
 #[test]
 fn glass_tints_what_is_seen_through_it() {
     const TINT: [f32; 3] = [0.25, 0.5, 1.0];
     for (tracer, mut app) in apps_of_both(SIZE, Output::Linear) {
         let app = &mut app;
-        spawn_mesh(app, wall(), metal(0.0), Transform::IDENTITY);
-        let camera = spawn_camera(app, BEFORE_THE_MIRROR, SceneName::MirrorRoom);
-        let behind = |z: f32| Transform::from_xyz(0.0, 0.0, z).looking_to(Vec3::Z, Vec3::Y);
+        let camera = spawn_mirror(app, 0.0, SceneName::MirrorRoom);
         spawn_mesh(app, Rectangle::new(80.0, 80.0), unlit([255; 3]), behind(9.0));
-        let [red, green, blue] = TINT;
-        let glass = StandardMaterial {
-            base_color: Color::linear_rgb(red, green, blue),
-            specular_transmission: 1.0,
-            ..default()
-        };
+        let glass = tinted_glass(TINT);
         for (panes, z) in [(0, 12.0), (1, 6.0), (2, 7.0)] {
             spawn_mesh(app, Rectangle::new(60.0, 60.0), glass.clone(), behind(z));
             use ReflectionTechnique::{Converged, Quarter, QuarterInline, Reference};
@@ -156,11 +149,7 @@ fn glass_tints_what_is_seen_through_it() {
                 let shown = app.capture_linear().unwrap()[middle];
                 let expected = TINT.map(|part| part.powi(panes));
                 println!("{tracer:?}, {technique:?}, {panes} panes: {shown:?}, expected {expected:?}");
-                let off = shown
-                    .iter()
-                    .zip(expected)
-                    .map(|(a, b)| (a - b).abs())
-                    .fold(0.0, f32::max);
+                let off = (0..3).map(|i| (shown[i] - expected[i]).abs()).fold(0.0, f32::max);
                 assert!(
                     off < 0.02,
                     "{tracer:?}, {technique:?}, {panes} panes: {shown:?}, expected {expected:?}"
@@ -178,33 +167,16 @@ fn glass_tints_by_its_texture() {
     const HALVES: [[u8; 4]; 2] = [[255, 0, 255, 255], [0, 255, 0, 255]];
     for (tracer, mut app) in apps(SIZE, Output::Linear) {
         let app = &mut app;
-        spawn_mesh(app, wall(), metal(0.0), Transform::IDENTITY);
-        let camera = spawn_camera(app, BEFORE_THE_MIRROR, SceneName::MirrorRoom);
-        let behind = |z: f32| Transform::from_xyz(0.0, 0.0, z).looking_to(Vec3::Z, Vec3::Y);
+        let camera = spawn_mirror(app, 0.0, SceneName::MirrorRoom);
         spawn_mesh(app, Rectangle::new(80.0, 80.0), unlit([255; 3]), behind(9.0));
         let texels = (0..64).flat_map(|i| HALVES[i % 8 / 4]).collect();
-        let mut image = Image::new(
-            Extent3d {
-                width: 8,
-                height: 8,
-                ..default()
-            },
-            TextureDimension::D2,
-            texels,
-            TextureFormat::Rgba8UnormSrgb,
-            RenderAssetUsages::default(),
-        );
+        let mut image = image(UVec2::splat(8), TextureFormat::Rgba8UnormSrgb, texels);
         image.sampler = ImageSampler::Descriptor(ImageSamplerDescriptor {
             address_mode_u: ImageAddressMode::Repeat,
             ..ImageSamplerDescriptor::linear()
         });
-        let texture = app.world().resource_mut::<Assets<Image>>().add(image);
-        let [red, green, blue] = TINT;
-        let plain = StandardMaterial {
-            base_color: Color::linear_rgb(red, green, blue),
-            specular_transmission: 1.0,
-            ..default()
-        };
+        let texture = add(app, image);
+        let plain = tinted_glass(TINT);
         let textured = StandardMaterial {
             base_color_texture: Some(texture),
             ..plain.clone()
@@ -253,23 +225,18 @@ fn thick_glass_refracts_in_rough_reflections() {
     use ReflectionTechnique::{Converged, Quarter, QuarterInline, Reference};
     for (tracer, mut app) in apps(SIZE, Output::Linear) {
         let app = &mut app;
-        spawn_mesh(app, wall(), metal(0.15), Transform::IDENTITY);
-        let camera = spawn_camera(app, BEFORE_THE_MIRROR, SceneName::MirrorRoom);
-        let behind = |x: f32, z: f32| Transform::from_xyz(x, 0.0, z).looking_to(Vec3::Z, Vec3::Y);
-        spawn_mesh(app, Rectangle::new(80.0, 80.0), unlit(GREEN), behind(0.0, 9.0));
-        spawn_mesh(app, Rectangle::new(40.0, 80.0), unlit(RED), behind(20.0, 8.99));
+        let camera = spawn_mirror(app, 0.15, SceneName::MirrorRoom);
+        spawn_mesh(app, Rectangle::new(80.0, 80.0), unlit(GREEN), behind(9.0));
+        let right = Transform::from_xyz(20.0, 0.0, 0.0) * behind(8.99);
+        spawn_mesh(app, Rectangle::new(40.0, 80.0), unlit(RED), right);
         let glass = StandardMaterial {
-            base_color: Color::linear_rgb(1.0, 0.8, 1.0),
-            specular_transmission: 1.0,
             ior: 1.5,
-            ..default()
+            ..tinted_glass([1.0, 0.8, 1.0])
         };
-        let at = behind(0.0, 5.0) * Transform::from_rotation(Quat::from_rotation_y(0.7));
+        let at = behind(5.0) * Transform::from_rotation(Quat::from_rotation_y(0.7));
         let pane = spawn_mesh(app, Rectangle::new(60.0, 60.0), glass, at);
         let mut red_by = |technique, thickness| {
-            let id = app.world().get::<MeshMaterial3d<StandardMaterial>>(pane).unwrap().id();
-            let mut materials = app.world().resource_mut::<Assets<StandardMaterial>>();
-            materials.get_mut(id).unwrap().thickness = thickness;
+            edit_material(app, pane, |material| material.thickness = thickness);
             app.step(2);
             reflect(app, camera, technique);
             let frames = if technique == Converged { 32 } else { 1 };
@@ -293,15 +260,12 @@ fn thick_glass_refracts_in_rough_reflections() {
 /// The denoiser of a static view converges to the same, pixel by pixel.
 #[test]
 fn a_static_view_shows_a_pane_as_blended() {
-    let Some(mut app) = app(SIZE, Output::Linear, BOTH[1]) else {
-        return;
-    };
+    let Some(mut app) = linear_app(SIZE) else { return };
     let app = &mut app;
     let (camera, pane) = spawn_pane(app);
     set_material(app, pane, 0.5, AlphaMode::Blend, 0.0);
     reflect(app, camera, ReflectionTechnique::Quarter);
-    let mut settings = app.world().get_mut::<RayTracedReflections>(camera).unwrap();
-    settings.denoiser = ReflectionDenoiser::default();
+    settings_of(app, camera).denoiser = ReflectionDenoiser::default();
     app.step(2);
     warm_up(app);
     app.step(96);

@@ -1,19 +1,18 @@
 //! Views without a change converge, regardless of changes elsewhere; visible changes are followed at once.
 
 use crate::{
-    common::app,
-    pictures::{apps, use_coarse_shadow_maps, warm_up},
-    stage::{BEFORE_THE_MIRROR, SIZE, frame, metal, spawn_camera, spawn_mesh, wall},
+    pictures::{apps, linear_app, use_coarse_shadow_maps, warm_up},
+    stage::{
+        BEFORE_THE_MIRROR, SIZE, add, behind, cube_map, forward, frame, metal, settings_of, spawn_camera, spawn_mesh,
+        texel, unlit_color, wall,
+    },
 };
 use bevy::{
-    asset::RenderAssetUsages,
     camera::Exposure,
     image::Image,
     light::{Atmosphere, ClusteredDecal, LightProbe, SunDisk, atmosphere::ScatteringMedium},
-    material::OpaqueRendererMethod,
     pbr::AtmosphereSettings,
     prelude::*,
-    render::render_resource::{Extent3d, TextureDimension, TextureFormat, TextureViewDescriptor, TextureViewDimension},
 };
 use bevy_glint::{
     RayTracedReflections, ReflectedParticle, ReflectedParticles, ReflectionTechnique, ReflectionTracerChoice,
@@ -52,31 +51,9 @@ enum Change {
     Repaint,
 }
 
-fn white(size: Extent3d) -> Image {
-    let texels = [255; 4];
-    let mut image = Image::new_fill(
-        size,
-        TextureDimension::D2,
-        &texels,
-        TextureFormat::Rgba8UnormSrgb,
-        RenderAssetUsages::default(),
-    );
-    if size.depth_or_array_layers == 6 {
-        image.texture_view_descriptor = Some(TextureViewDescriptor {
-            dimension: Some(TextureViewDimension::Cube),
-            ..default()
-        });
-    }
-    image
-}
-
 /// A light probe with a box large enough for the objects around it.
 fn spawn_probe(app: &mut HeadlessApp, at: Vec3) -> (Entity, Handle<Image>) {
-    let faces = Extent3d {
-        depth_or_array_layers: 6,
-        ..default()
-    };
-    let map = app.world().resource_mut::<Assets<Image>>().add(white(faces));
+    let map = add(app, cube_map(1, vec![255; 24]));
     let probe = LightProbe {
         falloff: Vec3::splat(0.1),
     };
@@ -94,10 +71,7 @@ impl Restless {
     fn spawn(app: &mut HeadlessApp, at: Vec3) -> Self {
         let object = Cuboid::new(0.6, 0.6, 0.1);
         let place = Transform::from_translation(at);
-        let texture = app
-            .world()
-            .resource_mut::<Assets<Image>>()
-            .add(white(Extent3d::default()));
+        let texture = add(app, texel([255; 3]));
         let material = StandardMaterial {
             base_color_texture: Some(texture.clone()),
             ..default()
@@ -136,9 +110,9 @@ impl Restless {
         self.set_probe(app, PROBE);
     }
 
-    fn paint(&self, app: &mut HeadlessApp, texel: [u8; 4]) {
+    fn paint(&self, app: &mut HeadlessApp, color: [u8; 4]) {
         let mut images = app.world().resource_mut::<Assets<Image>>();
-        images.get_mut(&self.texture).unwrap().data = Some(texel.into());
+        images.get_mut(&self.texture).unwrap().data = Some(color.into());
     }
 
     fn paint_map(&self, app: &mut HeadlessApp, level: u8) {
@@ -178,16 +152,10 @@ impl Restless {
 pub fn room(app: &mut HeadlessApp, roughness: f32) -> Entity {
     use_coarse_shadow_maps(app);
     spawn_mesh(app, wall(), metal(roughness), Transform::IDENTITY);
-    let back = Transform::from_xyz(0.0, 0.0, 7.0).looking_to(Vec3::Z, Vec3::Y);
-    spawn_mesh(app, wall(), StandardMaterial::from(Color::WHITE), back);
+    spawn_mesh(app, wall(), Color::WHITE.into(), behind(7.0));
     for x in [-1.5, 1.5] {
         let place = Transform::from_xyz(x, 0.5, 5.0);
-        spawn_mesh(
-            app,
-            Cuboid::from_length(1.0),
-            StandardMaterial::from(Color::BLACK),
-            place,
-        );
+        spawn_mesh(app, Cuboid::from_length(1.0), Color::BLACK.into(), place);
     }
     let camera = spawn_camera(app, BEFORE_THE_MIRROR, SceneName::Demo);
     app.world().entity_mut(camera).insert(RayTracedReflections {
@@ -214,12 +182,26 @@ pub fn difference(a: &[f32], b: &[f32]) -> f32 {
     sum / a.iter().sum::<f32>()
 }
 
+/// Renders frames from a new beginning on, and returns by how much the last images differ from frame to frame. `before` is called
+/// before each frame.
+fn noise(app: &mut HeadlessApp, camera: Entity, mut before: impl FnMut(&mut HeadlessApp, u16)) -> f32 {
+    begin_anew(app, camera);
+    let mut images = Vec::new();
+    for step in 0..90 {
+        before(app, step);
+        frame(app);
+        if step >= 86 {
+            images.push(capture(app));
+        }
+    }
+    let differences = images.windows(2).map(|pair| difference(&pair[0], &pair[1]));
+    differences.sum::<f32>() / 3.0
+}
+
 #[test]
 #[ignore = "long: hundreds of frames"]
 fn what_no_ray_meets_keeps_no_view_from_converging() {
-    let Some(mut app) = app(SIZE, Output::Linear, ReflectionTracerChoice::Bvh) else {
-        return;
-    };
+    let Some(mut app) = linear_app(SIZE) else { return };
     let app = &mut app;
     let restless = Restless::spawn(app, UNSEEN);
     let camera = room(app, 0.5);
@@ -239,20 +221,7 @@ fn what_no_ray_meets_keeps_no_view_from_converging() {
         // The beginning of a movement is a change for all views, so histories are equally long in all cases.
         (0..40).for_each(|_| frame(app));
         app.world().get_mut::<Transform>(restless.object).unwrap().translation.y += 0.1;
-        begin_anew(app, camera);
-        let mut images = Vec::new();
-        for step in 0..90 {
-            restless.change(app, change, step);
-            frame(app);
-            if step >= 86 {
-                images.push(capture(app));
-            }
-        }
-        let noise = images
-            .windows(2)
-            .map(|pair| difference(&pair[0], &pair[1]))
-            .sum::<f32>()
-            / 3.0;
+        let noise = noise(app, camera, |app, step| restless.change(app, change, step));
         println!("{change:?}: images differ by {noise:.5} from frame to frame");
         noise
     });
@@ -268,40 +237,24 @@ fn what_no_ray_meets_keeps_no_view_from_converging() {
 #[test]
 #[ignore = "long: hundreds of frames"]
 fn particles_that_are_written_again_keep_no_view_from_converging() {
-    let Some(mut app) = app(SIZE, Output::Linear, ReflectionTracerChoice::Bvh) else {
-        return;
-    };
+    let Some(mut app) = linear_app(SIZE) else { return };
     let app = &mut app;
     let camera = room(app, 0.5);
-    let world = app.world();
-    let material = world.resource_mut::<Assets<StandardMaterial>>().add(StandardMaterial {
-        unlit: true,
-        ..default()
-    });
+    let material = add(app, unlit_color(Color::WHITE));
     let particles = vec![ReflectedParticle {
         position: SEEN,
         ..default()
     }];
-    let particles = world.spawn(ReflectedParticles { particles, material }).id();
+    let particles = app.world().spawn(ReflectedParticles { particles, material }).id();
     begin_anew(app, camera);
     (0..150).for_each(|_| frame(app));
     let [left_alone, written, moved] = [None, Some(0.0), Some(1e-4)].map(|step| {
-        begin_anew(app, camera);
-        let mut images = Vec::new();
-        for index in 0..90 {
+        noise(app, camera, |app, _| {
             if let Some(step) = step {
                 let mut all = app.world().get_mut::<ReflectedParticles>(particles).unwrap();
                 all.particles[0].position.x += step;
             }
-            frame(app);
-            if index >= 86 {
-                images.push(capture(app));
-            }
-        }
-        images
-            .windows(2)
-            .map(|pair| difference(&pair[0], &pair[1]))
-            .sum::<f32>()
+        })
     });
     println!("noise {left_alone} alone, {written} written again, {moved} moved");
     assert!(
@@ -321,8 +274,7 @@ fn assert_followed(
     advance: impl Fn(&mut HeadlessApp, u16, bool),
 ) {
     let set_converging = |app: &mut HeadlessApp, converges: bool| {
-        let mut settings = app.world().get_mut::<RayTracedReflections>(camera).unwrap();
-        settings.denoiser.converge_static_views = converges;
+        settings_of(app, camera).denoiser.converge_static_views = converges;
     };
     let [without, with] = [false, true].map(|converges| {
         restore(app);
@@ -373,8 +325,7 @@ fn what_rays_meet_is_followed() {
         let once = once.iter().map(|change| (*change, 1));
         // Over several bounces every motion is a change for all views, since only that keeps them from converging.
         for (change, bounces) in once.chain([(Change::Image, 2)]) {
-            let mut settings = app.world().get_mut::<RayTracedReflections>(camera).unwrap();
-            settings.max_bounces = bounces;
+            settings_of(app, camera).max_bounces = bounces;
             let name = format!("{tracer}, {change:?}, bounces: {bounces}");
             let restore = |app: &mut HeadlessApp| seen.restore(app);
             assert_followed(app, camera, &name, restore, |app, step, happens| {
@@ -394,20 +345,12 @@ fn what_rays_meet_is_followed() {
 #[test]
 #[ignore = "long: hundreds of frames"]
 fn decals_that_appear_are_followed() {
-    let Some(mut app) = app(SIZE, Output::Linear, ReflectionTracerChoice::Bvh) else {
-        return;
-    };
+    let Some(mut app) = linear_app(SIZE) else { return };
     let app = &mut app;
     let camera = room(app, 0.2);
-    let thing = StandardMaterial {
-        opaque_render_method: OpaqueRendererMethod::Forward,
-        ..default()
-    };
+    let thing = forward(default());
     spawn_mesh(app, Cuboid::from_length(1.5), thing, Transform::from_translation(SEEN));
-    let glow = app
-        .world()
-        .resource_mut::<Assets<Image>>()
-        .add(white(Extent3d::default()));
+    let glow = add(app, texel([255; 3]));
     let decal = ClusteredDecal {
         emissive_texture: Some(glow),
         ..default()
@@ -431,22 +374,15 @@ const METRE: f32 = 0.001;
 /// Air around a rough mirror, which shows the sky and an object without sunlight: no surface that rays hit has the sun's mark.
 fn spawn_in_air(app: &mut HeadlessApp) -> (Entity, Entity) {
     spawn_mesh(app, wall(), metal(0.2), Transform::IDENTITY);
-    let thing = StandardMaterial {
-        base_color: Color::linear_rgb(0.1, 0.3, 0.8),
-        unlit: true,
-        ..default()
-    };
+    let thing = unlit_color(Color::linear_rgb(0.1, 0.3, 0.8));
     spawn_mesh(app, Sphere::new(1.5), thing, Transform::from_xyz(-1.0, 0.0, 8.0));
-    let medium = ScatteringMedium::earth(64, 64);
-    let medium = app.world().resource_mut::<Assets<ScatteringMedium>>().add(medium);
+    let medium = add(app, ScatteringMedium::earth(64, 64));
     let atmosphere = Atmosphere::earth(medium);
     let depth = (atmosphere.inner_radius + 1_500.0) * METRE;
     let place = Transform::from_xyz(0.0, -depth, 0.0).with_scale(Vec3::splat(METRE));
     app.world().spawn((atmosphere, place));
-    let sun = app
-        .world()
-        .spawn((DirectionalLight::default(), SunDisk::OFF, Transform::default()));
-    let sun = sun.id();
+    let sun = (DirectionalLight::default(), SunDisk::OFF, Transform::default());
+    let sun = app.world().spawn(sun).id();
     let camera = spawn_camera(app, BEFORE_THE_MIRROR, SceneName::MirrorRoom);
     app.world().entity_mut(camera).insert((
         AtmosphereSettings::default(),
@@ -465,9 +401,7 @@ fn spawn_in_air(app: &mut HeadlessApp) -> (Entity, Entity) {
 fn the_sun_of_an_atmosphere_is_followed() {
     const NOON: Vec3 = Vec3::new(1.0, -2.0, 0.5);
     const EVENING: Vec3 = Vec3::new(1.0, -0.05, 0.5);
-    let Some(mut app) = app(SIZE, Output::Linear, ReflectionTracerChoice::Bvh) else {
-        return;
-    };
+    let Some(mut app) = linear_app(SIZE) else { return };
     let app = &mut app;
     let (camera, sun) = spawn_in_air(app);
     let shine = |app: &mut HeadlessApp, illuminance: f32, direction: Vec3| {
@@ -489,13 +423,10 @@ fn the_sun_of_an_atmosphere_is_followed() {
 #[test]
 fn the_ground_truth_begins_anew_with_the_fog() {
     const FRAMES: u32 = 24;
-    let Some(mut app) = app(SIZE, Output::Linear, ReflectionTracerChoice::Bvh) else {
-        return;
-    };
+    let Some(mut app) = linear_app(SIZE) else { return };
     let app = &mut app;
     let camera = room(app, 0.2);
-    let mut settings = app.world().get_mut::<RayTracedReflections>(camera).unwrap();
-    settings.technique = ReflectionTechnique::Converged;
+    settings_of(app, camera).technique = ReflectionTechnique::Converged;
     begin_anew(app, camera);
     (0..FRAMES).for_each(|_| frame(app));
     let clear = capture(app);

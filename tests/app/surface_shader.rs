@@ -3,7 +3,7 @@
 use crate::{
     common::app_with,
     pictures::{any_tracer, reflect, warm_up},
-    stage::{BEFORE_THE_MIRROR, BLUE, SIZE, metal, spawn_camera, spawn_mesh, unlit, wall},
+    stage::{BEFORE_THE_MIRROR, BLUE, SIZE, metal, set_shader, spawn_camera, spawn_mesh, spawn_of, unlit, wall},
 };
 use bevy::{
     asset::uuid_handle,
@@ -55,23 +55,18 @@ fn stage(tracer: ReflectionTracerChoice) -> Option<(HeadlessApp, Entity)> {
     let place = |x: f32| Transform::from_xyz(x, 0.0, 8.0).looking_to(Vec3::Z, Vec3::Y);
     let board = Rectangle::new(4.0, 4.0);
     spawn_mesh(&mut app, board, unlit(BLUE), place(4.5));
-    let world = app.world();
-    let mesh = Mesh3d(world.resource_mut::<Assets<Mesh>>().add(board));
-    let striped = world.resource_mut::<Assets<OfStripes>>().add(OfStripes {
+    let striped = OfStripes {
         base: unlit(BLUE),
         extension: Striped {},
-    });
-    world.spawn((mesh, MeshMaterial3d(striped), place(0.0)));
+    };
+    spawn_of(&mut app, board, striped, place(0.0));
     let camera = spawn_camera(&mut app, BEFORE_THE_MIRROR, SceneName::MirrorRoom);
     set_source(&mut app, SOURCE.into());
     Some((app, camera))
 }
 
 fn set_source(app: &mut HeadlessApp, source: String) {
-    let mut shaders = app.world().resource_mut::<Assets<Shader>>();
-    shaders
-        .insert(&SHADER, Shader::from_wesl(source, "tests/stripes.wesl"))
-        .unwrap();
+    set_shader(app, &SHADER, source, "tests/stripes.wesl");
 }
 
 fn insert_shader(app: &mut HeadlessApp, animated: bool) {

@@ -3,7 +3,7 @@
 use crate::{
     pictures::{apps, assert_flip, crop, differing_pixels, red_pixels, warm_up},
     stage::{
-        BEFORE_THE_MIRROR, RED, SIZE, frame, metal, report, share_picture, spawn_camera, spawn_mesh, unlit,
+        BEFORE_THE_MIRROR, RED, SIZE, frame, metal, plain, report, share_picture, spawn_camera, spawn_mesh, unlit,
         until_at_rest, wall,
     },
 };
@@ -13,8 +13,8 @@ use bevy::{
     render::{RenderApp, renderer::RenderDevice},
 };
 use bevy_glint::{
-    NotReflected, RayTracedReflections, ReflectionDenoiser, ReflectionDiagnosticsPlugin, ReflectionTechnique,
-    ReflectionTextureMode, internals::readback,
+    NotReflected, RayTracedReflections, ReflectionDiagnosticsPlugin, ReflectionTechnique, ReflectionTextureMode,
+    internals::readback,
 };
 use glint_scenes::{HeadlessApp, Output, SceneName};
 use std::collections::BTreeMap;
@@ -55,16 +55,6 @@ fn spawn_scene(app: &mut HeadlessApp) -> Entity {
     cube
 }
 
-/// Without noise, so that images can be compared.
-fn plain() -> RayTracedReflections {
-    RayTracedReflections {
-        technique: ReflectionTechnique::Reference,
-        denoiser: ReflectionDenoiser::OFF,
-        full_resolution_mirrors: false,
-        ..default()
-    }
-}
-
 fn frames(app: &mut HeadlessApp, count: u32) {
     (0..count).for_each(|_| frame(app));
 }
@@ -88,12 +78,8 @@ fn switch_on(app: &mut HeadlessApp, camera: Entity, settings: RayTracedReflectio
 
 /// An object appears and vanishes, in the last slot of all.
 fn come_and_go(app: &mut HeadlessApp) {
-    let guest = spawn_mesh(
-        app,
-        Sphere::new(0.1).mesh().uv(8, 4),
-        metal(0.5),
-        Transform::from_xyz(0.0, 9.0, 9.0),
-    );
+    let at = Transform::from_xyz(0.0, 9.0, 9.0);
+    let guest = spawn_mesh(app, Sphere::new(0.1).mesh().uv(8, 4), metal(0.5), at);
     frames(app, 2);
     app.world().despawn(guest);
     frames(app, 1);

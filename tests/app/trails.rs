@@ -1,18 +1,15 @@
 //! Moving objects in glossy surfaces, and objects that the camera passes, are nearly as exact as static ones.
 
 use crate::{
-    common::app,
-    pictures::{dump, flip, reflect, warm_up},
+    pictures::{dump, flip, picture_app, reflect, warm_up},
     stage::{BLUE, GREEN, RED, metal, spawn_camera, spawn_mesh, unlit},
 };
 use bevy::{
     mesh::morph::{MeshMorphWeights, MorphAttributes},
     prelude::*,
 };
-use bevy_glint::{
-    RayTracedReflections, ReflectedParticle, ReflectedParticles, ReflectionTechnique, ReflectionTracerChoice,
-};
-use glint_scenes::{HeadlessApp, Output, SceneName};
+use bevy_glint::{RayTracedReflections, ReflectedParticle, ReflectedParticles, ReflectionTechnique};
+use glint_scenes::{HeadlessApp, SceneName};
 
 /// At fewer pixels, sampling a history between its pixels blurs more than the floor does.
 const SIZE: UVec2 = UVec2::new(240, 160);
@@ -50,7 +47,7 @@ fn run(
     build: Build,
     step: Step,
 ) -> Option<[Vec<u8>; 2]> {
-    let mut app = app(SIZE, Output::Picture, ReflectionTracerChoice::Bvh)?;
+    let mut app = picture_app(SIZE)?;
     let scene = build(&mut app);
     reflect(&mut app, scene.camera, technique);
     let mut settings = RayTracedReflections { technique, ..default() };

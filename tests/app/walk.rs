@@ -2,14 +2,14 @@
 //! ghost at the character's old position. Converged images give its old and new position.
 
 use crate::{
-    common::app,
     convergence::{TECHNIQUES, capture, switch},
+    pictures::linear_app,
     poses::{Arm, ELBOW, arm, spawn_arm},
-    stage::{BEFORE_THE_MIRROR, SIZE, metal, spawn_camera, spawn_mesh, unlit, wall},
+    stage::{BEFORE_THE_MIRROR, SIZE, behind, metal, spawn_camera, spawn_mesh, unlit, wall},
 };
 use bevy::prelude::*;
-use bevy_glint::{RayTracedReflections, ReflectionTracerChoice};
-use glint_scenes::{HeadlessApp, Output, SceneName};
+use bevy_glint::RayTracedReflections;
+use glint_scenes::{HeadlessApp, SceneName};
 
 /// The frame at which the character stops and starts waving.
 const STANDS: u32 = 20;
@@ -138,12 +138,9 @@ fn walk_to(app: &mut HeadlessApp, camera: Entity, legs: &[Arm; 2], name: &str, i
 #[test]
 #[ignore = "long: a walk of many frames with each technique"]
 fn a_character_walks_along_a_mirror_without_ghosts() {
-    let Some(mut app) = app(SIZE, Output::Linear, ReflectionTracerChoice::Bvh) else {
-        return;
-    };
+    let Some(mut app) = linear_app(SIZE) else { return };
     let app = &mut app;
-    let behind = Transform::from_xyz(0.0, 0.0, 9.0).looking_to(Vec3::Z, Vec3::Y);
-    spawn_mesh(app, Rectangle::new(60.0, 60.0), unlit([0, 0, 90]), behind);
+    spawn_mesh(app, Rectangle::new(60.0, 60.0), unlit([0, 0, 90]), behind(9.0));
     let legs = [(); 2].map(|()| spawn_arm(app, arm(), unlit([255, 200, 90])));
     let camera = spawn_camera(app, BEFORE_THE_MIRROR, SceneName::MirrorRoom);
     let mut wrong = Vec::new();

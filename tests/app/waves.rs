@@ -3,11 +3,13 @@
 use crate::{
     common::app_with,
     pictures::{BOTH, any_tracer, reflect, warm_up},
-    stage::{BEFORE_THE_MIRROR, GREEN, RED, SIZE, clear_glass, metal, spawn_camera, spawn_mesh, unlit},
+    stage::{
+        BEFORE_THE_MIRROR, GREEN, RED, SIZE, behind, clear_glass, forward, metal, set_shader, sheet, spawn_camera,
+        spawn_mesh, spawn_of, unlit,
+    },
 };
 use bevy::{
     asset::uuid_handle,
-    material::OpaqueRendererMethod,
     pbr::{ExtendedMaterial, MaterialExtension},
     prelude::*,
     render::render_resource::AsBindGroup,
@@ -64,36 +66,27 @@ fn stage(tracer: ReflectionTracerChoice) -> Option<(HeadlessApp, Entity)> {
     let pane = Rectangle::new(0.7, 3.0);
     let place = |column: f32| Transform::from_xyz(0.75 * column, 0.0, 0.8);
     spawn_mesh(&mut app, pane, glass.clone(), place(-1.0));
-    let world = app.world();
-    let mesh = Mesh3d(world.resource_mut::<Assets<Mesh>>().add(pane));
-    let broken = world.resource_mut::<Assets<OfBroken>>().add(OfBroken {
+    let broken = OfBroken {
         base: glass.clone(),
         extension: Broken {},
-    });
-    let leaning = world.resource_mut::<Assets<OfLeaning>>().add(OfLeaning {
+    };
+    let leaning = OfLeaning {
         base: glass,
         extension: Leaning {},
-    });
-    world.spawn((mesh.clone(), MeshMaterial3d(broken), place(0.0)));
-    world.spawn((mesh, MeshMaterial3d(leaning), place(1.0)));
-    let back = spawn_mesh(
-        &mut app,
-        Rectangle::new(90.0, 90.0),
-        unlit([0; 3]),
-        Transform::from_xyz(0.0, 0.0, -9.0),
-    );
+    };
+    spawn_of(&mut app, pane, broken, place(0.0));
+    spawn_of(&mut app, pane, leaning, place(1.0));
+    let at = Transform::from_xyz(0.0, 0.0, -9.0);
+    let back = spawn_mesh(&mut app, Rectangle::new(90.0, 90.0), unlit([0; 3]), at);
     app.world().entity_mut(back).insert(NotReflected);
     for (color, at) in [
-        (RED, Transform::from_xyz(0.0, 0.0, 9.0).looking_to(Vec3::Z, Vec3::Y)),
+        (RED, behind(9.0)),
         (GREEN, Transform::from_xyz(8.0, 0.0, 0.0).looking_to(Vec3::X, Vec3::Y)),
     ] {
         spawn_mesh(&mut app, Rectangle::new(120.0, 120.0), unlit(color), at);
     }
     let camera = spawn_camera(&mut app, BEFORE_THE_MIRROR, SceneName::MirrorRoom);
-    app.world()
-        .resource_mut::<Assets<Shader>>()
-        .insert(&SHADER, Shader::from_wesl(SOURCE, "tests/leaning.wesl"))
-        .unwrap();
+    set_shader(&mut app, &SHADER, SOURCE, "tests/leaning.wesl");
     reflect(&mut app, camera, ReflectionTechnique::Reference);
     Some((app, camera))
 }
@@ -167,10 +160,7 @@ fn a_faulty_shader_leaves_reflections_as_they_are() {
     let app = &mut app;
     let before = panes(app);
     let source = SOURCE.replace("find_surface(pixel)", "no_such_function(pixel)");
-    app.world()
-        .resource_mut::<Assets<Shader>>()
-        .insert(&FAULTY, Shader::from_wesl(source, "tests/faulty.wesl"))
-        .unwrap();
+    set_shader(app, &FAULTY, source, "tests/faulty.wesl");
     app.world().insert_resource(FrontLayerShader(FAULTY));
     (0..200).for_each(|_| {
         app.step(1);
@@ -232,25 +222,15 @@ fn extended_materials_with_their_own_shaders_reflect() {
                 write_surface(pixel, front);
             }
         ";
-        let world = app.world();
-        let mut shaders = world.resource_mut::<Assets<Shader>>();
-        _ = shaders.insert(&OWN, Shader::from_wesl(own, "tests/own.wesl"));
-        _ = shaders.insert(&FORWARD_LAYER, Shader::from_wesl(layer, "tests/own_layer.wesl"));
-        let mesh = world.resource_mut::<Assets<Mesh>>().add(Rectangle::new(40.0, 40.0));
-        let material = world.resource_mut::<Assets<OfPolished>>().add(OfPolished {
-            base: StandardMaterial {
-                opaque_render_method: OpaqueRendererMethod::Forward,
-                ..metal(0.0)
-            },
+        set_shader(app, &OWN, own, "tests/own.wesl");
+        set_shader(app, &FORWARD_LAYER, layer, "tests/own_layer.wesl");
+        let polished = OfPolished {
+            base: forward(metal(0.0)),
             extension: Polished {},
-        });
-        world.spawn((
-            Mesh3d(mesh),
-            MeshMaterial3d(material),
-            Transform::from_xyz(0.0, 0.0, -1.0),
-        ));
+        };
+        spawn_of(app, sheet(), polished, Transform::from_xyz(0.0, 0.0, -1.0));
         for (color, at) in [
-            (RED, Transform::from_xyz(0.0, 0.0, 9.0).looking_to(Vec3::Z, Vec3::Y)),
+            (RED, behind(9.0)),
             (GREEN, Transform::from_xyz(30.0, 0.0, 0.0).looking_to(Vec3::X, Vec3::Y)),
         ] {
             spawn_mesh(app, Rectangle::new(60.0, 60.0), unlit(color), at);

@@ -1,8 +1,9 @@
 //! Worlds that change: unchanged objects cost nothing.
 
 use crate::{
+    common::if_renders,
     pictures::{BOTH, apps_of_both, assert_flip, differing_pixels, reflect, warm_up},
-    stage::{metal, spawn_camera, spawn_mesh, unlit},
+    stage::{add, metal, report, spawn_camera, spawn_mesh, unlit},
 };
 use bevy::{math::UVec2, prelude::*};
 use bevy_glint::{
@@ -19,16 +20,9 @@ fn cost(tracer: ReflectionTracerChoice, instances: usize) -> Option<f64> {
         size: UVec2::splat(16),
         ..default()
     };
-    let mut app = match HeadlessApp::new(settings, |app| {
+    let mut app = if_renders(HeadlessApp::new(settings, |app| {
         clock.add_plugin(app, RayTracedReflectionsPlugin { tracer, ..default() });
-    }) {
-        Ok(app) => app,
-        Err(error) => {
-            assert!(std::env::var_os("GLINT_REQUIRE_GPU").is_none(), "{error}");
-            println!("skipped: {error}");
-            return None;
-        }
-    };
+    }))?;
     app.spawn_camera((RayTracedReflections::default(), Transform::default()));
     let world = app.world();
     // Few triangles: all of them are merged before anything is measured.
@@ -55,7 +49,7 @@ fn cost(tracer: ReflectionTracerChoice, instances: usize) -> Option<f64> {
         app.step(1);
         let time: f64 = clock.take().iter().map(|(_, milliseconds)| milliseconds).sum();
         app.wait_until_idle().expect("the device is there");
-        let report = app.world().resource::<ReflectionStatus>().report();
+        let report = report(&mut app);
         let ready = report.ready && report.instances == instances && !report.merges_pending;
         quiet = if ready { quiet + 1 } else { 0 };
         if quiet > 40 {
@@ -97,14 +91,9 @@ struct Tiles {
 fn spawn_tiles(app: &mut HeadlessApp) -> Tiles {
     let floor = Transform::from_translation(Vec3::new(0.0, -0.05, 0.0));
     spawn_mesh(app, Cuboid::new(12.0, 0.1, 12.0), metal(0.0), floor);
+    let mesh = add(app, Mesh::from(Cuboid::from_length(0.2)));
+    let paints = [[40, 60, 90], [90, 80, 40]].map(|color| add(app, unlit(color)));
     let world = app.world();
-    let mesh = world
-        .resource_mut::<Assets<Mesh>>()
-        .add(Cuboid::from_size(Vec3::splat(0.2)));
-    let paints = [[40, 60, 90], [90, 80, 40]].map(|color| {
-        let material = unlit(color);
-        world.resource_mut::<Assets<StandardMaterial>>().add(material)
-    });
     let mut group = Vec::new();
     for index in 0..1_200 {
         let (column, row) = (index % 48, index / 48);
@@ -115,12 +104,8 @@ fn spawn_tiles(app: &mut HeadlessApp) -> Tiles {
             group.push(tile.id());
         }
     }
-    let ball = spawn_mesh(
-        app,
-        Sphere::new(0.8),
-        unlit([220, 30, 30]),
-        Transform::from_xyz(-2.0, 1.5, -2.0),
-    );
+    let at = Transform::from_xyz(-2.0, 1.5, -2.0);
+    let ball = spawn_mesh(app, Sphere::new(0.8), unlit([220, 30, 30]), at);
     // Shadows fall on it, past objects that are in the way or no longer are.
     let board = StandardMaterial {
         perceptual_roughness: 1.0,
@@ -156,12 +141,8 @@ fn pictures_of_movements(app: &mut HeadlessApp) -> Vec<(&'static str, Vec<u8>)> 
         app.step(1);
     }
     pictures.push(("moving", capture(app)));
-    let second = spawn_mesh(
-        app,
-        Sphere::new(0.5),
-        unlit([30, 220, 30]),
-        Transform::from_xyz(-2.0, 1.0, -2.0),
-    );
+    let at = Transform::from_xyz(-2.0, 1.0, -2.0);
+    let second = spawn_mesh(app, Sphere::new(0.5), unlit([30, 220, 30]), at);
     warm_up(app);
     pictures.push(("one that came", capture(app)));
     app.world().despawn(ball);

@@ -64,18 +64,7 @@ pub fn app_of(
             .insert_resource(ReflectionRetention(Duration::ZERO));
         add(app);
     });
-    let mut app = match result {
-        Ok(app) => app,
-        Err(error @ HeadlessError::NoRenderer) => {
-            assert!(
-                std::env::var_os("GLINT_REQUIRE_GPU").is_none(),
-                "a GPU is required, but: {error}"
-            );
-            println!("skipped: {error}");
-            return None;
-        }
-        Err(error) => panic!("{error}"),
-    };
+    let mut app = if_renders(result)?;
     let report = app.world().resource::<ReflectionStatus>().report();
     if tracer == ReflectionTracerChoice::RayQuery && report.tracer != Some(ReflectionTracer::RayQuery) {
         let required = std::env::var_os("GLINT_REQUIRE_RAY_QUERY").is_some();
@@ -91,4 +80,18 @@ pub fn app_of(
         );
     }
     Some(app)
+}
+
+/// The app, or `None` (with the reason printed) if this machine can't render.
+pub fn if_renders(result: Result<HeadlessApp, HeadlessError>) -> Option<HeadlessApp> {
+    match result {
+        Ok(app) => Some(app),
+        Err(error @ HeadlessError::NoRenderer) => {
+            let is_required = std::env::var_os("GLINT_REQUIRE_GPU").is_some();
+            assert!(!is_required, "a GPU is required, but: {error}");
+            println!("skipped: {error}");
+            None
+        }
+        Err(error) => panic!("{error}"),
+    }
 }

@@ -1,7 +1,8 @@
 //! Shared code of tests of one compute pass: its textures, and the dispatch.
 
-use crate::gpu::Gpu;
+use crate::{gpu::Gpu, wesl::struct_layout};
 use bevy::math::UVec2;
+use std::collections::BTreeMap;
 use wgpu::{TextureFormat, TextureUsages, util::DeviceExt};
 
 /// Usages of textures that a pass reads.
@@ -34,6 +35,27 @@ pub fn layered_texture(
         .create_texture_with_data(&gpu.queue, &descriptor, Default::default(), texels)
 }
 
+/// A texture of the same depth everywhere.
+pub fn depth_texture(gpu: &Gpu, size: UVec2, depth: f32) -> wgpu::Texture {
+    let usage = READ | TextureUsages::RENDER_ATTACHMENT;
+    let texture = empty_texture(gpu, TextureFormat::Depth32Float, size, usage);
+    let view = texture.create_view(&Default::default());
+    let mut encoder = gpu.device.create_command_encoder(&Default::default());
+    encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+        depth_stencil_attachment: Some(wgpu::RenderPassDepthStencilAttachment {
+            view: &view,
+            depth_ops: Some(wgpu::Operations {
+                load: wgpu::LoadOp::Clear(depth),
+                store: wgpu::StoreOp::Store,
+            }),
+            stencil_ops: None,
+        }),
+        ..Default::default()
+    });
+    gpu.queue.submit([encoder.finish()]);
+    texture
+}
+
 fn descriptor(format: TextureFormat, size: UVec2, usage: TextureUsages) -> wgpu::TextureDescriptor<'static> {
     wgpu::TextureDescriptor {
         label: None,
@@ -53,6 +75,33 @@ fn extent(size: UVec2) -> wgpu::Extent3d {
         height: size.y,
         depth_or_array_layers: 1,
     }
+}
+
+/// Bytes of a uniform, laid out as the shader has it.
+pub struct Uniform {
+    members: BTreeMap<String, u32>,
+    pub bytes: Vec<u8>,
+}
+
+impl Uniform {
+    /// Returns `None` if the shader doesn't use the struct.
+    pub fn new(module: &naga::Module, name: &str) -> Option<Self> {
+        let (size, members) = struct_layout(module, name)?;
+        Some(Self {
+            members: members.into_iter().collect(),
+            bytes: vec![0; size as usize],
+        })
+    }
+
+    pub fn set<T: bytemuck::NoUninit>(&mut self, member: &str, value: &[T]) {
+        let value: &[u8] = bytemuck::cast_slice(value);
+        let start = self.members[member] as usize;
+        self.bytes[start..start + value.len()].copy_from_slice(value);
+    }
+}
+
+pub fn entry(binding: u32, resource: wgpu::BindingResource) -> wgpu::BindGroupEntry {
+    wgpu::BindGroupEntry { binding, resource }
 }
 
 /// Runs a pipeline that has one bind group.

@@ -1,12 +1,12 @@
 //! Light of lamps in volumes of fog along a ray, against sums over many steps of Bevy's formula.
 
 use crate::{
-    compute::dispatch_with,
+    compute::{dispatch_with, entry},
     gpu::{Checks, Gpu},
     sampling::reference::Random,
     wesl::flatten,
 };
-use bevy::math::{DVec3, IVec3, Vec3, Vec4, ivec3, uvec2, vec3};
+use bevy::math::{DVec3, IVec3, Vec3, Vec4, ivec3, uvec2};
 use bevy_glint::internals::{
     environment::GpuEnvironment,
     fog_volumes::GpuFogVolume,
@@ -86,11 +86,6 @@ struct Input {
     length: f32,
 }
 
-fn direction(random: &mut Random) -> Vec3 {
-    let mut number = || random.next() * 2.0 - 1.0;
-    vec3(number(), number(), number()).normalize_or(Vec3::Z)
-}
-
 /// A lamp around the origin.
 fn lamp(kind: u32, random: &mut Random) -> GpuLight {
     let range = 3.0 + 5.0 * random.next();
@@ -99,9 +94,9 @@ fn lamp(kind: u32, random: &mut Random) -> GpuLight {
     GpuLight {
         color: [1.0 + random.next(), 1.0 + random.next(), 1.0 + random.next()],
         kind,
-        position: (2.0 * direction(random)).to_array(),
+        position: (2.0 * random.direction()).to_array(),
         inverse_range_squared: 1.0 / (range * range),
-        direction: direction(random).to_array(),
+        direction: random.direction().to_array(),
         spot: [scale, -outer * scale],
         ..Default::default()
     }
@@ -159,19 +154,18 @@ fn sum(lamps: &[GpuLight], extinction: f32, start: Vec3, direction: Vec3, length
 
 fn run(
     gpu: &Gpu,
-    entry: &str,
+    function: &str,
     defs: &[&'static str],
     environment: &GpuEnvironment,
     density: Option<&Density>,
     inputs: &[Input],
 ) -> Vec<Vec4> {
     let defs: Vec<_> = defs.iter().map(|def| (*def).into()).collect();
-    let shader = flatten(&format!("{entry}{MAIN}"), &[NO_SHADOWS, NO_SUNS, VIEW], &defs);
+    let shader = flatten(&format!("{function}{MAIN}"), &[NO_SHADOWS, NO_SUNS, VIEW], &defs);
     let pipeline = gpu.pipeline(&shader, "main", Checks::Off);
     let (input, output) = (gpu.buffer(inputs), gpu.buffer(&vec![Vec4::ZERO; inputs.len()]));
     let surroundings = gpu.buffer(core::slice::from_ref(environment));
     let texture = density.map(|density| density.upload(gpu));
-    let entry = |binding, resource| wgpu::BindGroupEntry { binding, resource };
     let mut of_view = vec![entry(0, surroundings.as_entire_binding())];
     if let Some((view, sampler)) = &texture {
         of_view.push(entry(9, wgpu::BindingResource::TextureView(view)));
@@ -266,8 +260,8 @@ fn lamps_send_as_much_light_into_fog_as_a_sum_over_the_ray() {
         let surroundings = environment(&lamps);
         let rays: Vec<(Vec3, Vec3, f32)> = (0..RAYS)
             .map(|_| {
-                let start = 3.0 * direction(&mut random);
-                let towards = (direction(&mut random) - start).normalize();
+                let start = 3.0 * random.direction();
+                let towards = (random.direction() - start).normalize();
                 (start, towards, 1.0 + 6.0 * random.next())
             })
             .collect();
@@ -307,11 +301,11 @@ fn lamps_send_as_much_light_into_fog_as_a_sum_over_the_ray() {
 fn whole_rays(random: &mut Random) -> Vec<Input> {
     (0..24)
         .map(|i| {
-            let origin = 7.5 * direction(random);
+            let origin = 7.5 * random.direction();
             Input {
                 origin,
                 offset: 0.0,
-                direction: (direction(random) - origin).normalize(),
+                direction: (random.direction() - origin).normalize(),
                 length: if i % 2 == 0 { 30.0 } else { 8.0 },
             }
         })

@@ -158,43 +158,20 @@ impl Gpu {
         pipeline
     }
 
-    /// Bind groups for a pipeline with automatic layout: by group, the bindings that the entry point uses, and no others.
-    pub fn bind_groups(
-        &self,
-        pipeline: &wgpu::ComputePipeline,
-        groups: &[&[(u32, &wgpu::Buffer)]],
-    ) -> Vec<wgpu::BindGroup> {
-        let group = |(index, buffers): (usize, &&[(u32, &wgpu::Buffer)])| {
-            let entries: Vec<_> = buffers
-                .iter()
-                .map(|(binding, buffer)| wgpu::BindGroupEntry {
-                    binding: *binding,
-                    resource: buffer.as_entire_binding(),
-                })
-                .collect();
-            let layout = pipeline.get_bind_group_layout(index as u32);
-            self.device.create_bind_group(&wgpu::BindGroupDescriptor {
-                label: None,
-                layout: &layout,
-                entries: &entries,
-            })
-        };
-        groups.iter().enumerate().map(group).collect()
-    }
-
-    /// Runs `workgroups` groups of a pipeline along x.
+    /// Runs `workgroups` groups of a pipeline with automatic layout along x: by group, the bindings that the entry point uses, and no
+    /// others.
     pub fn dispatch(&self, pipeline: &wgpu::ComputePipeline, groups: &[&[(u32, &wgpu::Buffer)]], workgroups: u32) {
-        let bind_groups = self.bind_groups(pipeline, groups);
-        let mut encoder = self.device.create_command_encoder(&Default::default());
-        {
-            let mut pass = encoder.begin_compute_pass(&Default::default());
-            pass.set_pipeline(pipeline);
-            for (index, group) in bind_groups.iter().enumerate() {
-                pass.set_bind_group(index as u32, group, &[]);
-            }
-            pass.dispatch_workgroups(workgroups, 1, 1);
-        }
-        self.queue.submit([encoder.finish()]);
+        let groups: Vec<Vec<_>> = groups
+            .iter()
+            .map(|buffers| {
+                let buffers = buffers.iter();
+                buffers
+                    .map(|(binding, buffer)| compute::entry(*binding, buffer.as_entire_binding()))
+                    .collect()
+            })
+            .collect();
+        let groups: Vec<_> = groups.iter().map(Vec::as_slice).collect();
+        compute::dispatch_with(self, pipeline, &groups, uvec2(workgroups, 1));
     }
 
     /// Runs `main` of a flattened shader, with workgroups of 64, and returns an output for each input.
@@ -209,7 +186,7 @@ impl Gpu {
         let entries: Vec<_> = resources
             .into_iter()
             .chain(textures)
-            .map(|(binding, resource)| wgpu::BindGroupEntry { binding, resource })
+            .map(|(binding, resource)| compute::entry(binding, resource))
             .collect();
         let groups = inputs.len().div_ceil(64) as u32;
         compute::dispatch(self, &pipeline, &entries, uvec2(groups, 1));

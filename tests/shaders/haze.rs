@@ -1,16 +1,15 @@
 //! Haze of the atmosphere along a ray, against sums over many steps.
 
 use crate::{
-    compute::dispatch_with,
+    compute::{READ, dispatch_with, entry, texture},
     gpu::{Checks, Gpu},
     sampling::reference::Random,
     wesl::flatten,
 };
-use bevy::math::{DVec3, Vec3, Vec4, uvec2, vec3};
+use bevy::math::{DVec3, UVec2, Vec3, Vec4, uvec2, vec3};
 use bevy_glint::internals::{atmosphere::GpuAir, environment::GpuEnvironment};
 use bytemuck::{Pod, Zeroable};
 use std::f64::consts::PI;
-use wgpu::util::DeviceExt;
 
 /// All surfaces are opaque ...
 const OPAQUE: (&str, &str) = (
@@ -167,27 +166,18 @@ fn centres(size: u32) -> impl Iterator<Item = f64> + Clone {
     (0..size).map(move |i| (f64::from(i) + 0.5) / f64::from(size))
 }
 
-fn table(gpu: &Gpu, [width, height]: [u32; 2], texel: impl Fn(f64, f64) -> DVec3) -> wgpu::TextureView {
-    let texels: Vec<Vec4> = centres(height)
-        .flat_map(|v| centres(width).map(move |u| (u, v)))
+fn table(gpu: &Gpu, size: UVec2, texel: impl Fn(f64, f64) -> DVec3) -> wgpu::TextureView {
+    let texels: Vec<Vec4> = centres(size.y)
+        .flat_map(|v| centres(size.x).map(move |u| (u, v)))
         .map(|(u, v)| texel(u, v).as_vec3().extend(0.0))
         .collect();
-    let descriptor = wgpu::TextureDescriptor {
-        label: None,
-        size: wgpu::Extent3d {
-            width,
-            height,
-            depth_or_array_layers: 1,
-        },
-        mip_level_count: 1,
-        sample_count: 1,
-        dimension: wgpu::TextureDimension::D2,
-        format: wgpu::TextureFormat::Rgba32Float,
-        usage: wgpu::TextureUsages::TEXTURE_BINDING,
-        view_formats: &[],
-    };
-    let data = bytemuck::cast_slice(&texels);
-    let texture = (gpu.device).create_texture_with_data(&gpu.queue, &descriptor, Default::default(), data);
+    let texture = texture(
+        gpu,
+        wgpu::TextureFormat::Rgba32Float,
+        size,
+        READ,
+        bytemuck::cast_slice(&texels),
+    );
     texture.create_view(&Default::default())
 }
 
@@ -200,12 +190,12 @@ fn radius_at(u: f64) -> f64 {
 fn tables(gpu: &Gpu) -> [wgpu::TextureView; 4] {
     [
         // Its corners are the outermost texels' centres only nearly, as in Bevy.
-        table(gpu, [256, 128], transmittance_texel),
-        table(gpu, [4, 4], |_, _| DVec3::splat(MULTIPLE)),
-        table(gpu, [2048, 2], |u, v| {
+        table(gpu, uvec2(256, 128), transmittance_texel),
+        table(gpu, uvec2(4, 4), |_, _| DVec3::splat(MULTIPLE)),
+        table(gpu, uvec2(2048, 2), |u, v| {
             density(radius_at(u)) * if v < 0.5 { ABSORPTION } else { SCATTERING }
         }),
-        table(gpu, [2048, 256], |u, v| {
+        table(gpu, uvec2(2048, 256), |u, v| {
             let side = 2.0 * v - 1.0;
             let cosine = side.signum() * (1.0 - (1.0 - side.abs()).powi(2));
             SCATTERING * (density(radius_at(u)) * phase(cosine))
@@ -247,7 +237,6 @@ fn run(gpu: &Gpu, environment: &GpuEnvironment, inputs: &[Input]) -> Vec<Output>
         min_filter: wgpu::FilterMode::Linear,
         ..Default::default()
     });
-    let entry = |binding, resource| wgpu::BindGroupEntry { binding, resource };
     let own = [
         entry(0, input.as_entire_binding()),
         entry(1, output.as_entire_binding()),

@@ -79,11 +79,6 @@ struct Lit {
     color: Vec4,
 }
 
-fn direction(random: &mut Random) -> Vec3 {
-    let mut number = || random.next() * 2.0 - 1.0;
-    vec3(number(), number(), number()).normalize_or(Vec3::Z)
-}
-
 /// A light near the origin.
 fn light(kind: u32, random: &mut Random) -> GpuLight {
     let range = 2.0 + 6.0 * random.next();
@@ -99,9 +94,9 @@ fn light(kind: u32, random: &mut Random) -> GpuLight {
     GpuLight {
         color: [1.0; 3],
         kind,
-        position: (0.5 * direction(random)).to_array(),
+        position: (0.5 * random.direction()).to_array(),
         inverse_range_squared: 1.0 / (range * range),
-        direction: direction(random).to_array(),
+        direction: random.direction().to_array(),
         radius: random.next(),
         spot,
         ..Default::default()
@@ -120,12 +115,12 @@ fn what_is_out_of_reach_gets_no_light() {
     ] {
         let inputs: Vec<Lit> = (0..COUNT)
             .map(|_| {
-                let normal = direction(&mut random);
-                let view = direction(&mut random);
+                let normal = random.direction();
+                let view = random.direction();
                 let view = if view.dot(normal) < 0.0 { -view } else { view };
                 Lit {
                     light: light(kind, &mut random),
-                    position: (8.0 * random.next() * direction(&mut random)).extend(0.0),
+                    position: (8.0 * random.next() * random.direction()).extend(0.0),
                     normal: normal.extend(0.01 + 0.99 * random.next()),
                     view: view.extend(0.5),
                     color: Vec4::splat(0.5),
@@ -238,7 +233,7 @@ fn rectangles_give_the_light_of_their_area() {
     let mut random = Random(7);
     let (mut inputs, mut expected) = (Vec::new(), Vec::new());
     while inputs.len() < 200 {
-        let towards = direction(&mut random);
+        let towards = random.direction();
         let light = GpuLight {
             inverse_range_squared: 1e-12,
             direction: towards.to_array(),
@@ -247,8 +242,8 @@ fn rectangles_give_the_light_of_their_area() {
         // Packed as an angle.
         let reference = orthonormal_basis(towards).x_axis;
         let right = light.radius.cos() * reference + light.radius.sin() * towards.cross(reference);
-        let surface = Vec3::from(light.position) + 4.0 * direction(&mut random);
-        let normal = direction(&mut random);
+        let surface = Vec3::from(light.position) + 4.0 * random.direction();
+        let normal = random.direction();
         let to_light = Vec3::from(light.position) - surface;
         let reach = (light.spot[0] + light.spot[1]).max(0.1);
         // All of the rectangle is above the surface, and shines on it.
@@ -317,7 +312,7 @@ fn textures_lie_before_their_lights() {
     let (mut inputs, mut expected) = (Vec::new(), Vec::new());
     for kind in [LIGHT_DIRECTIONAL, LIGHT_SPOT, LIGHT_POINT] {
         for number in 0..600 {
-            let point = direction(&mut random) * 3.0 * random.next();
+            let point = random.direction() * 3.0 * random.next();
             let projection = match kind {
                 LIGHT_DIRECTIONAL => f32::from(u8::from(number % 2 == 0)),
                 LIGHT_SPOT => 0.1 + random.next(),

@@ -184,6 +184,12 @@ fn twin(input: &Input, seen: &[f32]) -> Option<f32> {
     None
 }
 
+/// What rays find on a screen with these distances.
+fn march(gpu: &Gpu, inputs: &[Input], seen: &[f32]) -> Vec<Vec2> {
+    let shader = flatten(ENTRY, &[], &["SCREEN_TRACES".into(), "SCREEN_MARCH".into()]);
+    gpu.run(&shader, inputs, &[(SCREEN_BINDING, screen(gpu, seen))])
+}
+
 fn screen(gpu: &Gpu, seen: &[f32]) -> wgpu::TextureView {
     let texels: Vec<[f32; 4]> = seen.iter().map(|distance| [0.0, 0.0, 0.0, *distance]).collect();
     let format = wgpu::TextureFormat::Rgba32Float;
@@ -227,8 +233,7 @@ fn rays_find_what_the_screen_shows_of_their_way() {
     let world_from_clip = clip_from_world().inverse();
     let seen = seen(world_from_clip);
     let inputs = rays(world_from_clip);
-    let shader = flatten(ENTRY, &[], &["SCREEN_TRACES".into(), "SCREEN_MARCH".into()]);
-    let outputs: Vec<Vec2> = gpu.run(&shader, &inputs, &[(SCREEN_BINDING, screen(gpu, &seen))]);
+    let outputs = march(gpu, &inputs, &seen);
     let (mut found, mut apart, mut wrong, mut ends) = (0, 0, 0, 0);
     for (input, output) in inputs.iter().zip(&outputs) {
         let expected = twin(input, &seen);
@@ -267,8 +272,7 @@ fn rays_pass_behind_what_is_thin() {
             ..input
         })
         .collect();
-    let shader = flatten(ENTRY, &[], &["SCREEN_TRACES".into(), "SCREEN_MARCH".into()]);
-    let outputs: Vec<Vec2> = gpu.run(&shader, &inputs, &[(SCREEN_BINDING, screen(gpu, &seen))]);
+    let outputs = march(gpu, &inputs, &seen);
     let found = outputs.iter().filter(|output| output.x > 0.0).count();
     println!("{found} of {} rays find a wire", inputs.len());
     assert!(inputs.len() > 1000 && found == 0, "{found} of {}", inputs.len());
@@ -299,8 +303,7 @@ fn what_is_no_number_finds_nothing() {
             ]
         })
         .collect();
-    let shader = flatten(ENTRY, &[], &["SCREEN_TRACES".into(), "SCREEN_MARCH".into()]);
-    let outputs: Vec<Vec2> = gpu.run(&shader, &inputs, &[(SCREEN_BINDING, screen(gpu, &seen))]);
+    let outputs = march(gpu, &inputs, &seen);
     for (input, output) in inputs.iter().zip(&outputs) {
         assert!(output.x < 0.0, "{input:?}: {output}");
     }

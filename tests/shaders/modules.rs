@@ -2,234 +2,100 @@
 
 use std::{mem::offset_of, sync::Arc};
 
-use crate::wesl::Shaders;
+use crate::wesl::{Shaders, struct_layout};
 use bevy_glint::internals::{atmosphere::GpuAir, environment::GpuEnvironment, fog_volumes::GpuFogVolume, gpu_types::*};
 
-/// Definitions, several at a time.
-pub const COMBINATIONS: [&[&str]; 86] = [
-    &[],
-    &["ALPHA_MASKED_GEOMETRY"],
-    &["ALPHA_MASKED_GEOMETRY", "BINDLESS_TEXTURES"],
-    &["ROUGHNESS", "TILES_8"],
-    &["GRAZING", "TILE_ANGLES"],
-    &["COMBINED", "TILE_ANGLES", "TILE_SHAPE", "TILE_REFLECTANCE"],
-    &["IMAGE", "TILE_ANGLES", "TILE_SHAPE", "TILE_REFLECTANCE", "TILE_DEPTH"],
-    &["RAY_QUERY"],
-    &["BINDLESS_TEXTURES"],
-    &["RAY_QUERY", "BINDLESS_TEXTURES"],
-    &["RAY_QUERY", "ONE_TLAS"],
-    &["MIRRORS", "IN_PLACE", "COUNT_INVOCATIONS"],
-    &["IN_PLACE", "TILES"],
-    &["REFLECTION"],
-    &["RAY_QUERY", "MIRRORS", "COUNT_INVOCATIONS"],
-    &["RAY_QUERY", "BINDLESS_TEXTURES", "COUNT_INVOCATIONS"],
-    &["BOUNCES", "ALPHA_MASKED_GEOMETRY", "MANY_LIGHTS"],
-    &["BOUNCES", "MIRRORS", "BINDLESS_TEXTURES"],
-    &["BOUNCES", "RAY_QUERY", "MANY_LIGHTS"],
-    &["BOUNCES", "RAY_QUERY", "MIRRORS"],
-    &["FRONT_LAYER", "ALPHA_MASKED_GEOMETRY", "BINDLESS_TEXTURES"],
-    &["FRONT_LAYER", "IN_PLACE", "TILES"],
-    &["FRONT_LAYER", "RAY_QUERY", "IN_PLACE"],
-    &["PART", "TILES_8", "FRONT_LAYER"],
-    &[
-        "FORWARD_SURFACES",
-        "FRONT_LAYER",
-        "ALPHA_MASKED_GEOMETRY",
-        "BINDLESS_TEXTURES",
-    ],
-    &["FORWARD_SURFACES", "FRONT_LAYER", "RAY_QUERY", "IN_PLACE", "TILES"],
-    &[
-        "FORWARD_SURFACES",
-        "FRONT_LAYER",
-        "RENDER_LAYERS",
-        "ALPHA_MASKED_GEOMETRY",
-    ],
-    &["FORWARD_SURFACES", "FRONT_LAYER", "RENDER_LAYERS", "RAY_QUERY"],
-    &["TINTED_GLASS", "ALPHA_MASKED_GEOMETRY", "BINDLESS_TEXTURES"],
-    &["COPLANAR", "TINTED_GLASS", "RAY_QUERY", "BOUNCES", "MANY_LIGHTS"],
-    &["COPLANAR", "TINTED_GLASS", "ALPHA_MASKED_GEOMETRY", "MIRRORS"],
-    &["COPLANAR"],
-    &["COPLANAR", "RAY_QUERY", "RENDER_LAYERS"],
-    &["COPLANAR", "LAYERED_RAYS", "ALPHA_MASKED_GEOMETRY", "MIRRORS"],
-    &["LAYERED_RAYS", "ALPHA_MASKED_GEOMETRY", "MIRRORS"],
-    &[
-        "COPLANAR",
-        "LAYERED_RAYS",
-        "RAY_QUERY",
-        "MIRRORS",
-        "TINTED_GLASS",
-        "BOUNCES",
-    ],
-    &[
-        "COPLANAR",
-        "LAYERED_RAYS",
-        "REFRACTION",
-        "ALPHA_MASKED_GEOMETRY",
-        "MIRRORS",
-    ],
-    &["SURFACE_SHADER"],
-    &["SURFACE_SHADER", "RAY_QUERY", "BOUNCES", "MANY_LIGHTS", "LAYERED_RAYS"],
-    &["LAYERED_RAYS", "REFRACTION", "RAY_QUERY", "TINTED_GLASS", "BOUNCES"],
-    &[
-        "COPLANAR",
-        "REFRACTION",
-        "ALPHA_MASKED_GEOMETRY",
-        "SCREEN_TRACES",
-        "SCREEN_MARCH",
-    ],
-    &[
-        "REFRACTION",
-        "RAY_QUERY",
-        "TINTED_GLASS",
-        "BOUNCES",
-        "SURFACE_SHADER",
-        "SCREEN_TRACES",
-        "SCREEN_MARCH",
-    ],
-    &["LIGHTMAPS", "RAY_QUERY", "BINDLESS_TEXTURES"],
-    &["LIGHTMAPS", "TINTED_GLASS", "ALPHA_MASKED_GEOMETRY", "MIRRORS"],
-    &["CLEARCOAT", "BOUNCES", "MANY_LIGHTS"],
-    &["CLEARCOAT", "LIGHT_PROBES", "RAY_QUERY", "BINDLESS_TEXTURES"],
-    &["LIGHT_PROBES", "BINDLESS_TEXTURES", "TINTED_GLASS", "BOUNCES"],
-    &["LIGHT_PROBES", "BINDLESS_TEXTURES", "FRONT_LAYER", "IN_PLACE", "TILES"],
-    &["LIGHT_PROBES", "BINDLESS_TEXTURES", "RAY_QUERY", "FRONT_LAYER", "BLUR"],
-    &[
-        "LIGHT_PROBES",
-        "BINDLESS_TEXTURES",
-        "FORWARD_SURFACES",
-        "FRONT_LAYER",
-        "IN_PLACE",
-        "TILES",
-        "BLUR",
-    ],
-    &["RENDER_LAYERS", "ALPHA_MASKED_GEOMETRY", "FRONT_LAYER"],
-    &["RENDER_LAYERS", "RAY_QUERY", "FRONT_LAYER"],
-    &["LIGHT_SAMPLING", "MANY_LIGHTS", "ALPHA_MASKED_GEOMETRY"],
-    &["LIGHT_SAMPLING", "MANY_LIGHTS", "RAY_QUERY", "BOUNCES", "CLEARCOAT"],
-    &["LIGHT_SAMPLING", "MANY_LIGHTS", "RAY_QUERY", "MIRRORS"],
-    &[
-        "LIGHT_SAMPLING",
-        "MANY_LIGHTS",
-        "MIRRORS",
-        "BOUNCES",
-        "BINDLESS_TEXTURES",
-    ],
-    &["ATMOSPHERIC"],
-    &["ATMOSPHERIC", "RAY_QUERY", "BOUNCES", "MANY_LIGHTS", "CLEARCOAT"],
-    &[
-        "ATMOSPHERIC",
-        "LIGHT_PROBES",
-        "BINDLESS_TEXTURES",
-        "LIGHT_SAMPLING",
-        "MIRRORS",
-    ],
-    &["ATMOSPHERIC", "AERIAL_PERSPECTIVE"],
-    &[
-        "ATMOSPHERIC",
-        "AERIAL_PERSPECTIVE",
-        "RAY_QUERY",
-        "BOUNCES",
-        "MANY_LIGHTS",
-        "LIGHT_SAMPLING",
-    ],
-    &[
-        "ATMOSPHERIC",
-        "AERIAL_PERSPECTIVE",
-        "VOLUMETRIC_FOG",
-        "MIRRORS",
-        "LAYERED_RAYS",
-        "TINTED_GLASS",
-        "BINDLESS_TEXTURES",
-    ],
-    &["VOLUMETRIC_FOG", "ALPHA_MASKED_GEOMETRY", "MANY_LIGHTS"],
-    &["VOLUMETRIC_FOG", "FOG_DENSITY", "MANY_LIGHTS"],
-    &["VOLUMETRIC_FOG", "FOG_DENSITY", "RAY_QUERY", "MIRRORS", "ATMOSPHERIC"],
-    &["VOLUMETRIC_FOG", "ATMOSPHERIC", "RAY_QUERY", "MIRRORS"],
-    &[
-        "VOLUMETRIC_FOG",
-        "RAY_QUERY",
-        "BOUNCES",
-        "MANY_LIGHTS",
-        "LIGHT_PROBES",
-        "BINDLESS_TEXTURES",
-    ],
-    &[
-        "DIFFUSE_TRANSMISSION",
-        "LIGHT_SAMPLING",
-        "MANY_LIGHTS",
-        "RAY_QUERY",
-        "MIRRORS",
-    ],
-    &[
-        "DIFFUSE_TRANSMISSION",
-        "RECT_LIGHTS",
-        "CLEARCOAT",
-        "LIGHT_PROBES",
-        "BINDLESS_TEXTURES",
-        "BOUNCES",
-    ],
-    &["RECT_LIGHTS", "ALPHA_MASKED_GEOMETRY", "LIGHT_SAMPLING", "MANY_LIGHTS"],
-    &["LIGHT_TEXTURES", "ATMOSPHERIC", "LIGHT_SAMPLING", "MANY_LIGHTS"],
-    &[
-        "LIGHT_TEXTURES",
-        "RECT_LIGHTS",
-        "DIFFUSE_TRANSMISSION",
-        "RAY_QUERY",
-        "BINDLESS_TEXTURES",
-        "BOUNCES",
-    ],
-    &["SCREEN_TRACES", "ALPHA_MASKED_GEOMETRY", "COUNT_INVOCATIONS"],
-    &["SCREEN_TRACES", "MIRRORS"],
-    &["SCREEN_TRACES", "RAY_QUERY", "MIRRORS", "BOUNCES", "LAYERED_RAYS"],
-    &["SCREEN_TRACES", "SCREEN_MARCH", "VOLUMETRIC_FOG", "TINTED_GLASS"],
-    &[
-        "SCREEN_TRACES",
-        "SCREEN_MARCH",
-        "RAY_QUERY",
-        "MIRRORS",
-        "LAYERED_RAYS",
-        "TINTED_GLASS",
-    ],
-    &["SCREEN_TRACES", "VOLUMETRIC_FOG", "TINTED_GLASS"],
-    &[
-        "SCREEN_TRACES",
-        "VOLUMETRIC_FOG",
-        "TINTED_GLASS",
-        "RAY_QUERY",
-        "BINDLESS_TEXTURES",
-        "MIRRORS",
-        "LIGHT_SAMPLING",
-    ],
-    &[
-        "RECT_LIGHTS",
-        "CLEARCOAT",
-        "ATMOSPHERIC",
-        "RAY_QUERY",
-        "BINDLESS_TEXTURES",
-    ],
-    &["DECALS", "LIGHTMAPS", "BOUNCES", "BINDLESS_TEXTURES", "SPECULAR_TINT"],
-    &[
-        "DECALS",
-        "MIRRORS",
-        "LAYERED_RAYS",
-        "RAY_QUERY",
-        "SURFACE_SHADER",
-        "SPECULAR_TINT",
-    ],
-    &["PARTICLES", "ALPHA_MASKED_GEOMETRY"],
-    &["PARTICLES", "VOLUMETRIC_FOG", "MANY_LIGHTS", "RAY_QUERY"],
-    &["PARTICLES", "LIT_PARTICLES", "MANY_LIGHTS", "BOUNCES", "LIGHT_SAMPLING"],
-    &[
-        "PARTICLES",
-        "LIT_PARTICLES",
-        "MIRRORS",
-        "LAYERED_RAYS",
-        "RAY_QUERY",
-        "BINDLESS_TEXTURES",
-        "DIFFUSE_TRANSMISSION",
-        "SCREEN_TRACES",
-    ],
-];
+/// Definitions, several at a time: a combination per line. The first line has none.
+const COMBINATIONS: &str = "
+ALPHA_MASKED_GEOMETRY
+ALPHA_MASKED_GEOMETRY BINDLESS_TEXTURES
+ROUGHNESS TILES_8
+GRAZING TILE_ANGLES
+COMBINED TILE_ANGLES TILE_SHAPE TILE_REFLECTANCE
+IMAGE TILE_ANGLES TILE_SHAPE TILE_REFLECTANCE TILE_DEPTH
+RAY_QUERY
+BINDLESS_TEXTURES
+RAY_QUERY BINDLESS_TEXTURES
+RAY_QUERY ONE_TLAS
+MIRRORS IN_PLACE COUNT_INVOCATIONS
+IN_PLACE TILES
+REFLECTION
+RAY_QUERY MIRRORS COUNT_INVOCATIONS
+RAY_QUERY BINDLESS_TEXTURES COUNT_INVOCATIONS
+BOUNCES ALPHA_MASKED_GEOMETRY MANY_LIGHTS
+BOUNCES MIRRORS BINDLESS_TEXTURES
+BOUNCES RAY_QUERY MANY_LIGHTS
+BOUNCES RAY_QUERY MIRRORS
+FRONT_LAYER ALPHA_MASKED_GEOMETRY BINDLESS_TEXTURES
+FRONT_LAYER IN_PLACE TILES
+FRONT_LAYER RAY_QUERY IN_PLACE
+PART TILES_8 FRONT_LAYER
+FORWARD_SURFACES FRONT_LAYER ALPHA_MASKED_GEOMETRY BINDLESS_TEXTURES
+FORWARD_SURFACES FRONT_LAYER RAY_QUERY IN_PLACE TILES
+FORWARD_SURFACES FRONT_LAYER RENDER_LAYERS ALPHA_MASKED_GEOMETRY
+FORWARD_SURFACES FRONT_LAYER RENDER_LAYERS RAY_QUERY
+TINTED_GLASS ALPHA_MASKED_GEOMETRY BINDLESS_TEXTURES
+COPLANAR TINTED_GLASS RAY_QUERY BOUNCES MANY_LIGHTS
+COPLANAR TINTED_GLASS ALPHA_MASKED_GEOMETRY MIRRORS
+COPLANAR
+COPLANAR RAY_QUERY RENDER_LAYERS
+COPLANAR LAYERED_RAYS ALPHA_MASKED_GEOMETRY MIRRORS
+LAYERED_RAYS ALPHA_MASKED_GEOMETRY MIRRORS
+COPLANAR LAYERED_RAYS RAY_QUERY MIRRORS TINTED_GLASS BOUNCES
+COPLANAR LAYERED_RAYS REFRACTION ALPHA_MASKED_GEOMETRY MIRRORS
+SURFACE_SHADER
+SURFACE_SHADER RAY_QUERY BOUNCES MANY_LIGHTS LAYERED_RAYS
+LAYERED_RAYS REFRACTION RAY_QUERY TINTED_GLASS BOUNCES
+COPLANAR REFRACTION ALPHA_MASKED_GEOMETRY SCREEN_TRACES SCREEN_MARCH
+REFRACTION RAY_QUERY TINTED_GLASS BOUNCES SURFACE_SHADER SCREEN_TRACES SCREEN_MARCH
+LIGHTMAPS RAY_QUERY BINDLESS_TEXTURES
+LIGHTMAPS TINTED_GLASS ALPHA_MASKED_GEOMETRY MIRRORS
+CLEARCOAT BOUNCES MANY_LIGHTS
+CLEARCOAT LIGHT_PROBES RAY_QUERY BINDLESS_TEXTURES
+LIGHT_PROBES BINDLESS_TEXTURES TINTED_GLASS BOUNCES
+LIGHT_PROBES BINDLESS_TEXTURES FRONT_LAYER IN_PLACE TILES
+LIGHT_PROBES BINDLESS_TEXTURES RAY_QUERY FRONT_LAYER BLUR
+LIGHT_PROBES BINDLESS_TEXTURES FORWARD_SURFACES FRONT_LAYER IN_PLACE TILES BLUR
+RENDER_LAYERS ALPHA_MASKED_GEOMETRY FRONT_LAYER
+RENDER_LAYERS RAY_QUERY FRONT_LAYER
+LIGHT_SAMPLING MANY_LIGHTS ALPHA_MASKED_GEOMETRY
+LIGHT_SAMPLING MANY_LIGHTS RAY_QUERY BOUNCES CLEARCOAT
+LIGHT_SAMPLING MANY_LIGHTS RAY_QUERY MIRRORS
+LIGHT_SAMPLING MANY_LIGHTS MIRRORS BOUNCES BINDLESS_TEXTURES
+ATMOSPHERIC
+ATMOSPHERIC RAY_QUERY BOUNCES MANY_LIGHTS CLEARCOAT
+ATMOSPHERIC LIGHT_PROBES BINDLESS_TEXTURES LIGHT_SAMPLING MIRRORS
+ATMOSPHERIC AERIAL_PERSPECTIVE
+ATMOSPHERIC AERIAL_PERSPECTIVE RAY_QUERY BOUNCES MANY_LIGHTS LIGHT_SAMPLING
+ATMOSPHERIC AERIAL_PERSPECTIVE VOLUMETRIC_FOG MIRRORS LAYERED_RAYS TINTED_GLASS BINDLESS_TEXTURES
+VOLUMETRIC_FOG ALPHA_MASKED_GEOMETRY MANY_LIGHTS
+VOLUMETRIC_FOG FOG_DENSITY MANY_LIGHTS
+VOLUMETRIC_FOG FOG_DENSITY RAY_QUERY MIRRORS ATMOSPHERIC
+VOLUMETRIC_FOG ATMOSPHERIC RAY_QUERY MIRRORS
+VOLUMETRIC_FOG RAY_QUERY BOUNCES MANY_LIGHTS LIGHT_PROBES BINDLESS_TEXTURES
+DIFFUSE_TRANSMISSION LIGHT_SAMPLING MANY_LIGHTS RAY_QUERY MIRRORS
+DIFFUSE_TRANSMISSION RECT_LIGHTS CLEARCOAT LIGHT_PROBES BINDLESS_TEXTURES BOUNCES
+RECT_LIGHTS ALPHA_MASKED_GEOMETRY LIGHT_SAMPLING MANY_LIGHTS
+LIGHT_TEXTURES ATMOSPHERIC LIGHT_SAMPLING MANY_LIGHTS
+LIGHT_TEXTURES RECT_LIGHTS DIFFUSE_TRANSMISSION RAY_QUERY BINDLESS_TEXTURES BOUNCES
+SCREEN_TRACES ALPHA_MASKED_GEOMETRY COUNT_INVOCATIONS
+SCREEN_TRACES MIRRORS
+SCREEN_TRACES RAY_QUERY MIRRORS BOUNCES LAYERED_RAYS
+SCREEN_TRACES SCREEN_MARCH VOLUMETRIC_FOG TINTED_GLASS
+SCREEN_TRACES SCREEN_MARCH RAY_QUERY MIRRORS LAYERED_RAYS TINTED_GLASS
+SCREEN_TRACES VOLUMETRIC_FOG TINTED_GLASS
+SCREEN_TRACES VOLUMETRIC_FOG TINTED_GLASS RAY_QUERY BINDLESS_TEXTURES MIRRORS LIGHT_SAMPLING
+RECT_LIGHTS CLEARCOAT ATMOSPHERIC RAY_QUERY BINDLESS_TEXTURES
+DECALS LIGHTMAPS BOUNCES BINDLESS_TEXTURES SPECULAR_TINT
+DECALS MIRRORS LAYERED_RAYS RAY_QUERY SURFACE_SHADER SPECULAR_TINT
+PARTICLES ALPHA_MASKED_GEOMETRY
+PARTICLES VOLUMETRIC_FOG MANY_LIGHTS RAY_QUERY
+PARTICLES LIT_PARTICLES MANY_LIGHTS BOUNCES LIGHT_SAMPLING
+PARTICLES LIT_PARTICLES MIRRORS LAYERED_RAYS RAY_QUERY BINDLESS_TEXTURES DIFFUSE_TRANSMISSION SCREEN_TRACES";
+
+pub fn combinations() -> impl Iterator<Item = Vec<&'static str>> {
+    COMBINATIONS.lines().map(|line| line.split_whitespace().collect())
+}
 
 /// Uses everything that passes call, so that the linker keeps it.
 const USER: &str = r#"
@@ -291,12 +157,12 @@ fn each_module_compiles_alone() {
     let mut shaders = Shaders::load();
     let mut failures = Vec::new();
     for module in shaders.own_modules() {
-        for defs in COMBINATIONS {
+        for defs in combinations() {
             // Surfaces have alpha only in the front layer.
             if module.contains("/front_layer/") && !defs.contains(&"FRONT_LAYER") {
                 continue;
             }
-            failures.extend(shaders.compile(&module, defs).err());
+            failures.extend(shaders.compile(&module, &defs).err());
         }
     }
     assert!(failures.is_empty(), "{}", failures.join("\n"));
@@ -306,9 +172,9 @@ fn each_module_compiles_alone() {
 fn hit_shading_compiles_as_a_whole() {
     let mut shaders = Shaders::load();
     shaders.add("bevy_glint/user.wesl", USER.into());
-    for defs in COMBINATIONS {
+    for defs in combinations() {
         let module = shaders
-            .compile("bevy_glint/user.wesl", defs)
+            .compile("bevy_glint/user.wesl", &defs)
             .unwrap_or_else(|error| panic!("{error}"));
         // Bevy's view bindings must not slip in with its functions.
         let mut bindings: Vec<_> = module
@@ -341,6 +207,13 @@ fn hit_shading_compiles_as_a_whole() {
     }
 }
 
+/// Whether the WGSL of a pass of tracing contains some names.
+fn has<const N: usize>(shaders: &mut Shaders, pass: &str, defs: &[&[&'static str]], names: [&str; N]) -> [bool; N] {
+    let defs: Vec<_> = defs.concat().iter().map(|&def| def.into()).collect();
+    let (wgsl, _) = shaders.expect(&format!("bevy_glint/trace/{pass}.wesl"), &defs);
+    names.map(|name| wgsl.contains(name))
+}
+
 /// A single bounce costs nothing: its shaders contain no code for more.
 #[test]
 fn bounces_are_linked_on_request() {
@@ -353,10 +226,13 @@ fn bounces_are_linked_on_request() {
     ];
     for (pass, own) in passes {
         for tracer in [&[][..], &["RAY_QUERY"]] {
-            let mut has_bounces = |more: &[&'static str]| {
-                let defs: Vec<_> = [own, tracer, more].concat().iter().map(|&def| def.into()).collect();
-                let (wgsl, _) = shaders.expect(&format!("bevy_glint/trace/{pass}.wesl"), &defs);
-                ["path_radiance", "reflects_ray"].map(|name| wgsl.contains(name))
+            let mut has_bounces = |more| {
+                has(
+                    &mut shaders,
+                    pass,
+                    &[own, tracer, more],
+                    ["path_radiance", "reflects_ray"],
+                )
             };
             assert_eq!(has_bounces(&[]), [false; 2], "{pass}");
             assert_eq!(has_bounces(&["BOUNCES"]), [true; 2], "{pass}");
@@ -371,11 +247,8 @@ fn the_screen_is_linked_on_request() {
     let passes: [(&str, &[&str]); 3] = [("blocks", &[]), ("blocks", &["MIRRORS"]), ("shade", &["MIRRORS"])];
     for (pass, own) in passes {
         for tracer in [&[][..], &["RAY_QUERY"]] {
-            let mut has_screen = |more: &[&'static str]| {
-                let defs: Vec<_> = [own, tracer, more].concat().iter().map(|&def| def.into()).collect();
-                let (wgsl, _) = shaders.expect(&format!("bevy_glint/trace/{pass}.wesl"), &defs);
-                ["shown_light", "screen_place", "@binding(15)"].map(|name| wgsl.contains(name))
-            };
+            let names = ["shown_light", "screen_place", "@binding(15)"];
+            let mut has_screen = |more| has(&mut shaders, pass, &[own, tracer, more], names);
             assert_eq!(has_screen(&[]), [false; 3], "{pass}");
             assert_eq!(has_screen(&["SCREEN_TRACES"]), [true; 3], "{pass}");
         }
@@ -394,37 +267,17 @@ fn haze_is_linked_on_request() {
         ("blocks", &[], false),
     ];
     for (pass, own, shades) in passes {
-        let mut has_haze = |more: &[&'static str]| {
-            let defs: Vec<_> = [own, more].concat().iter().map(|&def| def.into()).collect();
-            let (wgsl, _) = shaders.expect(&format!("bevy_glint/trace/{pass}.wesl"), &defs);
-            ["ray_haze", "density_table", "multiscattering_table"].map(|name| wgsl.contains(name))
-        };
+        let names = ["ray_haze", "density_table", "multiscattering_table"];
+        let mut has_haze = |more| has(&mut shaders, pass, &[own, more], names);
         assert_eq!(has_haze(&[]), [false; 3], "{pass}");
         assert_eq!(has_haze(&["ATMOSPHERIC"]), [false; 3], "{pass}");
         assert_eq!(has_haze(&["ATMOSPHERIC", "AERIAL_PERSPECTIVE"]), [shades; 3], "{pass}");
     }
 }
 
-/// Size of a struct of the shaders and offsets of its members.
-fn layout(module: &naga::Module, name: &str) -> (u32, Vec<(String, u32)>) {
-    for (_, ty) in module.types.iter() {
-        let linked = ty
-            .name
-            .as_deref()
-            .is_some_and(|linked| linked == name || linked.ends_with(&format!("_{name}")));
-        if let (true, naga::TypeInner::Struct { members, span }) = (linked, &ty.inner) {
-            let members = members
-                .iter()
-                .map(|member| (member.name.clone().unwrap_or_default(), member.offset));
-            return (*span, members.collect());
-        }
-    }
-    panic!("no struct {name} in the shader");
-}
-
 macro_rules! same_layout {
     ($module:expr, $shader:literal, $ty:ty, [$($member:ident),* $(,)?]) => {
-        let (size, members) = layout(&$module, $shader);
+        let (size, members) = struct_layout(&$module, $shader).expect($shader);
         assert_eq!(size as usize, size_of::<$ty>(), "size of {}", $shader);
         let ours = vec![$((stringify!($member).to_string(), offset_of!($ty, $member) as u32)),*];
         assert_eq!(members, ours, "members of {}", $shader);

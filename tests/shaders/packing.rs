@@ -241,49 +241,28 @@ fn rectangles_keep_their_axes() {
 #[test]
 fn lights_without_light_are_left_out() {
     let place = GlobalTransform::IDENTITY;
-    assert!(
-        directional_light(
-            &DirectionalLight {
-                illuminance: 0.0,
-                ..Default::default()
-            },
-            &place
-        )
-        .is_none()
-    );
-    assert!(
-        directional_light(
-            &DirectionalLight {
-                illuminance: f32::NAN,
-                ..Default::default()
-            },
-            &place
-        )
-        .is_none()
-    );
-    assert!(
-        point_light(
-            &PointLight {
-                intensity: -5.0,
-                ..Default::default()
-            },
-            &place
-        )
-        .is_none()
-    );
+    for illuminance in [0.0, f32::NAN] {
+        let sun = DirectionalLight {
+            illuminance,
+            ..Default::default()
+        };
+        assert!(directional_light(&sun, &place).is_none(), "{illuminance} lx");
+    }
+    let negative = PointLight {
+        intensity: -5.0,
+        ..Default::default()
+    };
+    assert!(point_light(&negative, &place).is_none());
     let lost = GlobalTransform::from(Transform::from_xyz(f32::NAN, 0.0, 0.0));
     assert!(point_light(&PointLight::default(), &lost).is_none());
     let flat = GlobalTransform::from(Transform::from_scale(Vec3::ZERO));
     assert!(spot_light(&SpotLight::default(), &flat).is_none());
     assert!(rect_light(&RectLight::default(), &flat).is_none());
-    let nowhere = point_light(
-        &PointLight {
-            range: f32::NAN,
-            radius: f32::NAN,
-            ..Default::default()
-        },
-        &place,
-    )
-    .unwrap();
+    let nowhere = PointLight {
+        range: f32::NAN,
+        radius: f32::NAN,
+        ..Default::default()
+    };
+    let nowhere = point_light(&nowhere, &place).unwrap();
     assert!(nowhere.inverse_range_squared.is_finite() && nowhere.radius == 0.0);
 }

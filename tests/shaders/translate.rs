@@ -3,7 +3,7 @@
 //! `tools/translate` does the work, because Bevy is built here without naga's back end for Metal. `cargo xtask test` builds it, and
 //! passes its path in the environment.
 
-use crate::{cost::variants, linked::hash, modules::COMBINATIONS, wesl::Shaders};
+use crate::{cost::variants, linked::hash, modules::combinations, wesl::Shaders};
 use bevy::shader::ShaderDefVal;
 use std::{
     collections::BTreeMap,
@@ -29,7 +29,7 @@ fn sources() -> BTreeMap<String, String> {
     let modules = shaders.own_modules();
     let combinations = modules
         .into_iter()
-        .flat_map(|module| COMBINATIONS.map(|defs| (module.clone(), defs.to_vec())));
+        .flat_map(|module| combinations().map(move |defs| (module.clone(), defs)));
     let passes = variants().map(|(pass, defs)| (format!("bevy_glint/{pass}.wesl"), defs));
     let mut names = BTreeMap::new();
     for (module, defs) in passes.chain(combinations) {

@@ -241,6 +241,19 @@ pub fn validate(source: &str) -> Result<naga::Module, String> {
     Ok(module)
 }
 
+/// Size of a struct of a shader and offsets of its members, or `None` if the shader doesn't use it.
+pub fn struct_layout(module: &naga::Module, name: &str) -> Option<(u32, Vec<(String, u32)>)> {
+    let suffix = format!("_{name}");
+    let is_it = |linked: &str| linked == name || linked.ends_with(&suffix);
+    module.types.iter().find_map(|(_, ty)| match &ty.inner {
+        naga::TypeInner::Struct { members, span } if ty.name.as_deref().is_some_and(is_it) => {
+            let member = |member: &naga::StructMember| (member.name.clone().unwrap_or_default(), member.offset);
+            Some((*span, members.iter().map(member).collect()))
+        }
+        _ => None,
+    })
+}
+
 /// Folder of the sources of a Bevy crate, at the version of our lock file.
 fn bevy_source(root: &Path, name: &str) -> PathBuf {
     let lock = fs::read_to_string(root.join("Cargo.lock")).expect("the tests need Cargo.lock");

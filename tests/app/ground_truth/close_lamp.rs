@@ -4,13 +4,11 @@
 //! rays borrowed from there must not count.
 
 use crate::{
-    common::app,
     convergence::{capture, switch},
+    pictures::linear_app,
     stage::spawn_mesh,
 };
 use bevy::{core_pipeline::tonemapping::Tonemapping, math::UVec2, prelude::*};
-use bevy_glint::ReflectionTracerChoice;
-use glint_scenes::Output;
 
 const SIZE: UVec2 = UVec2::new(128, 72);
 const GROUND_TRUTH_FRAMES: u32 = 512;
@@ -22,9 +20,7 @@ const MOST_LIGHT: f32 = 4.5;
 #[test]
 #[ignore = "long: 512 frames of truth"]
 fn a_lamp_close_to_a_floor_shines_no_farther_than_in_truth() {
-    let Some(mut app) = app(SIZE, Output::Linear, ReflectionTracerChoice::Bvh) else {
-        return;
-    };
+    let Some(mut app) = linear_app(SIZE) else { return };
     let gray = Color::linear_rgb(0.05, 0.05, 0.05);
     app.world().insert_resource(ClearColor(gray));
     app.world().insert_resource(GlobalAmbientLight::NONE);
@@ -39,12 +35,8 @@ fn a_lamp_close_to_a_floor_shines_no_farther_than_in_truth() {
         cull_mode: None,
         ..default()
     };
-    spawn_mesh(
-        &mut app,
-        Plane3d::default().mesh().size(20.0, 20.0),
-        floor,
-        Transform::IDENTITY,
-    );
+    let at = Transform::IDENTITY;
+    spawn_mesh(&mut app, Plane3d::default().mesh().size(20.0, 20.0), floor, at);
     let above = Transform::from_xyz(0.0, 0.009, 0.0);
     spawn_mesh(&mut app, Plane3d::default().mesh().size(1.3, 1.05), lamp, above);
     let projection = Projection::from(PerspectiveProjection { fov: 0.2, ..default() });

@@ -6,7 +6,9 @@ mod reflected_light;
 
 use crate::{
     common::{app, app_with},
-    pictures::{apps, apps_of_both, assert_flip, dump, flip, reflect, spawn, use_coarse_shadow_maps, warm_up},
+    pictures::{
+        apps, apps_of_both, assert_flip, dump, flip, picture_app, reflect, spawn, use_coarse_shadow_maps, warm_up,
+    },
     stage::until_at_rest,
 };
 use bevy::{
@@ -307,9 +309,7 @@ fn both_tracers_show_the_same_picture() {
 #[test]
 fn known_degradations_are_told_apart() {
     let size = UVec2::new(320, 180);
-    let Some(mut app) = app(size, Output::Picture, ReflectionTracerChoice::Bvh) else {
-        return;
-    };
+    let Some(mut app) = picture_app(size) else { return };
     let camera = app.spawn_scene(SceneName::MirrorRoom, &Default::default());
     warm_up_plain(&mut app);
     let off = app.capture().unwrap();

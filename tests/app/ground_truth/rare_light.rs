@@ -3,13 +3,11 @@
 //! Most frames of a pixel don't see the lamp, and a history that is clipped to them grows dark.
 
 use crate::{
-    common::app,
     convergence::{capture, switch},
-    stage::spawn_mesh,
+    pictures::linear_app,
+    stage::{spawn_mesh, unlit_color},
 };
 use bevy::{core_pipeline::tonemapping::Tonemapping, math::UVec2, prelude::*};
-use bevy_glint::ReflectionTracerChoice;
-use glint_scenes::Output;
 
 const SIZE: UVec2 = UVec2::new(160, 90);
 const GROUND_TRUTH_FRAMES: u32 = 512;
@@ -22,9 +20,7 @@ const MOST_BIAS: f32 = 0.1;
 #[test]
 #[ignore = "long: 512 frames of truth"]
 fn rare_light_is_kept_in_motion() {
-    let Some(mut app) = app(SIZE, Output::Linear, ReflectionTracerChoice::Bvh) else {
-        return;
-    };
+    let Some(mut app) = linear_app(SIZE) else { return };
     app.world()
         .insert_resource(ClearColor(Color::linear_rgb(0.02, 0.02, 0.02)));
     app.world().insert_resource(GlobalAmbientLight::NONE);
@@ -33,17 +29,9 @@ fn rare_light_is_kept_in_motion() {
         perceptual_roughness: 0.5,
         ..default()
     };
-    let lamp = StandardMaterial {
-        base_color: Color::linear_rgb(60.0, 60.0, 60.0),
-        unlit: true,
-        ..default()
-    };
-    spawn_mesh(
-        &mut app,
-        Plane3d::default().mesh().size(40.0, 40.0),
-        floor,
-        Transform::IDENTITY,
-    );
+    let lamp = unlit_color(Color::linear_rgb(60.0, 60.0, 60.0));
+    let at = Transform::IDENTITY;
+    spawn_mesh(&mut app, Plane3d::default().mesh().size(40.0, 40.0), floor, at);
     let above = Transform::from_xyz(0.0, 3.0, -2.0);
     spawn_mesh(&mut app, Cuboid::new(0.3, 0.3, 0.3).mesh(), lamp, above);
     let pose = |time: f32| {

@@ -2,7 +2,11 @@
 //!
 //! The object is black except for its reflections, and everything around it is unlit: its pixels contain only reflected light.
 
-use crate::{common::app, pictures::warm_up};
+use crate::{
+    common::app,
+    pictures::warm_up,
+    stage::{spawn_mesh, unlit_color},
+};
 use bevy::{
     asset::RenderAssetUsages,
     core_pipeline::tonemapping::Tonemapping,
@@ -70,24 +74,25 @@ impl Scene {
         surroundings.light = None;
         surroundings.tonemapping = Tonemapping::None;
         surroundings.insert(&mut app.world().entity_mut(camera));
-        let world = app.world();
-        world.insert_resource(GlobalAmbientLight::NONE);
+        app.world().insert_resource(GlobalAmbientLight::NONE);
         let ground = Plane3d::default().mesh().size(200.0, 200.0).build();
-        spawn(world, ground, unlit(0.12, 0.1, 0.08), Vec3::new(0.0, -10.0, 0.0));
-        for (angle, material) in [
-            (0.0, unlit(2.0, 0.3, 0.1)),
-            (0.9, unlit(0.1, 0.9, 2.0)),
-            (1.8, unlit(0.3, 2.0, 0.2)),
+        let dim = unlit_color(Color::linear_rgb(0.12, 0.1, 0.08));
+        spawn_mesh(&mut app, ground, dim, Transform::from_xyz(0.0, -10.0, 0.0));
+        for (angle, color) in [
+            (0.0, Color::linear_rgb(2.0, 0.3, 0.1)),
+            (0.9, Color::linear_rgb(0.1, 0.9, 2.0)),
+            (1.8, Color::linear_rgb(0.3, 2.0, 0.2)),
         ] {
-            let place = Vec3::new(24.0 * f32::sin(angle), -7.0, 24.0 * f32::cos(angle));
-            spawn(world, Cuboid::from_length(3.0).into(), material, place);
+            let place = Transform::from_xyz(24.0 * f32::sin(angle), -7.0, 24.0 * f32::cos(angle));
+            spawn_mesh(&mut app, Cuboid::from_length(3.0), unlit_color(color), place);
         }
         let material = StandardMaterial {
             base_color: Color::BLACK,
             perceptual_roughness: 0.65,
             ..default()
         };
-        let object = spawn(world, rounded_box(Vec3::new(36.0, 15.0, 18.0), 8), material, Vec3::ZERO);
+        let mesh = rounded_box(Vec3::new(36.0, 15.0, 18.0), 8);
+        let object = spawn_mesh(&mut app, mesh, material, Transform::IDENTITY);
         let mut scene = Self {
             app,
             camera,
@@ -165,26 +170,6 @@ impl Scene {
             .map(|(light, _)| light)
             .sum()
     }
-}
-
-fn unlit(red: f32, green: f32, blue: f32) -> StandardMaterial {
-    StandardMaterial {
-        base_color: Color::linear_rgb(red, green, blue),
-        unlit: true,
-        ..default()
-    }
-}
-
-fn spawn(world: &mut World, mesh: Mesh, material: StandardMaterial, place: Vec3) -> Entity {
-    let mesh = world.resource_mut::<Assets<Mesh>>().add(mesh);
-    let material = world.resource_mut::<Assets<StandardMaterial>>().add(material);
-    world
-        .spawn((
-            Mesh3d(mesh),
-            MeshMaterial3d(material),
-            Transform::from_translation(place),
-        ))
-        .id()
 }
 
 /// An orbit that ends at time 0.

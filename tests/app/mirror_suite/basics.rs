@@ -1,7 +1,7 @@
 //! Rows of the mirror suite about single lights and their shadows, plain materials, lightmaps, glass and fog.
 
 use super::{Row, blue};
-use crate::stage::unlit;
+use crate::stage::{behind, unlit};
 use bevy::{
     camera::visibility::RenderLayers, material::OpaqueRendererMethod, pbr::ScreenSpaceTransmission, prelude::*,
     render::render_resource::Face,
@@ -17,7 +17,7 @@ pub(super) const ROWS: [Row; 32] = [
     }),
     ("shadows of faces that are not drawn", |stage| {
         stage.add_sun_with_shadows(RenderLayers::default());
-        let back = Transform::from_xyz(0.0, 0.0, 12.0).looking_to(Vec3::Z, Vec3::Y);
+        let back = behind(12.0);
         let white = StandardMaterial {
             base_color: Color::WHITE,
             ..blue()
@@ -72,7 +72,7 @@ pub(super) const ROWS: [Row; 32] = [
                 inner_angle: 0.2,
                 ..default()
             },
-            Transform::from_xyz(0.0, 0.0, 5.0).looking_to(Vec3::Z, Vec3::Y),
+            behind(5.0),
         ));
         stage.spawn(blue());
     }),

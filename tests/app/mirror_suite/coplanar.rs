@@ -3,7 +3,7 @@
 use super::{Row, Stage, blue};
 use crate::{
     pictures::{apps, dump},
-    stage::{SIZE, spawn_mesh},
+    stage::SIZE,
 };
 use bevy::prelude::*;
 use bevy_glint::ReflectionTechnique;
@@ -90,11 +90,6 @@ fn facing(x: f32, y: f32, z: f32) -> Transform {
 }
 
 impl Stage<'_> {
-    pub(super) fn put(&mut self, mesh: impl Into<Mesh>, material: StandardMaterial, at: Transform) {
-        let entity = spawn_mesh(self.app, mesh, material, at);
-        self.spawned.push(entity);
-    }
-
     /// Two sheets of the same triangles in both orders, before a wall.
     fn spawn_sheets(&mut self, materials: [StandardMaterial; 2]) {
         self.put(

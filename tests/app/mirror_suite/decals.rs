@@ -1,6 +1,7 @@
 //! Rows of the mirror suite about clustered decals. Bevy draws them on materials of its forward pass.
 
 use super::{Row, Stage, blue};
+use crate::stage::behind;
 use bevy::{
     camera::visibility::RenderLayers, image::Image, light::ClusteredDecal, material::OpaqueRendererMethod, prelude::*,
 };
@@ -77,7 +78,7 @@ pub(super) const ROWS: [Row; 11] = [
     }),
     ("two dozen decals", |stage| {
         stage.light_and_spawn(forward());
-        let wall = Transform::from_xyz(0.0, 0.0, 11.9).looking_to(Vec3::Z, Vec3::Y);
+        let wall = behind(11.9);
         stage.put(Rectangle::new(20.0, 12.0), forward(), wall);
         // Few borders, none of them parallel to the pixels, and similar colours: half a pixel makes a difference.
         let colors = [[90, 120, 230, 150], [120, 180, 220, 110]];

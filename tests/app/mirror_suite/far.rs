@@ -2,7 +2,7 @@
 
 use crate::{
     pictures::{PATIENCE, apps, differing_pixels, dump, reflect},
-    stage::{SIZE, clear, metal, spawn_mesh, unlit},
+    stage::{SIZE, clear, metal, settings_of, spawn_mesh, unlit},
 };
 use bevy::{core_pipeline::tonemapping::Tonemapping, prelude::*};
 use bevy_glint::{RayTracedReflections, ReflectionTechnique};
@@ -15,26 +15,14 @@ fn images(app: &mut HeadlessApp, origin: Vec3, scale: f32) -> [Vec<u8>; 2] {
         Transform::from_translation(origin + scale * Vec3::new(x, y, z)).with_scale(Vec3::splat(scale))
     };
     let facing = Quat::from_rotation_y(FRAC_PI_2);
-    spawn_mesh(
-        app,
-        Rectangle::new(8.0, 8.0),
-        metal(0.0),
-        at(0.0, 0.0, 0.0).with_rotation(facing),
-    );
+    let mirror = at(0.0, 0.0, 0.0).with_rotation(facing);
+    spawn_mesh(app, Rectangle::new(8.0, 8.0), metal(0.0), mirror);
     let back = at(6.0, 0.0, 0.0).with_rotation(facing.inverse());
     spawn_mesh(app, Rectangle::new(16.0, 16.0), unlit([90, 90, 90]), back);
-    spawn_mesh(
-        app,
-        Sphere::new(0.04).mesh().uv(32, 16),
-        unlit([40, 240, 40]),
-        at(0.07, 0.0, 0.0),
-    );
-    spawn_mesh(
-        app,
-        Cuboid::new(0.02, 0.2, 0.1),
-        unlit([240, 60, 40]),
-        at(0.04, 0.0, -0.2),
-    );
+    let [green, orange] = [[40, 240, 40], [240, 60, 40]].map(unlit);
+    let ball = Sphere::new(0.04).mesh().uv(32, 16);
+    spawn_mesh(app, ball, green, at(0.07, 0.0, 0.0));
+    spawn_mesh(app, Cuboid::new(0.02, 0.2, 0.1), orange, at(0.04, 0.0, -0.2));
     let target = origin + scale * Vec3::new(0.02, 0.0, -0.05);
     let place = at(0.35, 0.12, 0.35).looking_at(target, Vec3::Y);
     let camera = app.spawn_camera(place.with_scale(Vec3::ONE));
@@ -47,8 +35,7 @@ fn images(app: &mut HeadlessApp, origin: Vec3, scale: f32) -> [Vec<u8>; 2] {
     let mut camera_entity = app.world().entity_mut(camera);
     camera_entity.insert((Tonemapping::None, Projection::Perspective(projection)));
     reflect(app, camera, ReflectionTechnique::Reference);
-    let mut settings = app.world().get_mut::<RayTracedReflections>(camera).unwrap();
-    settings.max_ray_length = 100.0 * scale;
+    settings_of(app, camera).max_ray_length = 100.0 * scale;
     app.step(2);
     let reflected = app.capture().unwrap();
     app.world().entity_mut(camera).remove::<RayTracedReflections>();

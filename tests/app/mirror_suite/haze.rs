@@ -1,7 +1,7 @@
 //! Rows of the mirror suite about haze of an atmosphere.
 
 use super::{Row, Stage, blue};
-use crate::stage::{metal, spawn_mesh};
+use crate::stage::{add, behind, metal, spawn_mesh};
 use bevy::{
     light::{Atmosphere, SunDisk, atmosphere::ScatteringMedium},
     material::OpaqueRendererMethod,
@@ -35,9 +35,7 @@ pub(super) const ROWS: [Row; 7] = [
         let unlit = StandardMaterial { unlit: true, ..blue() };
         stage.spawn(unlit.clone());
         stage.open();
-        let behind = Transform::from_xyz(0.0, 0.0, 12.0).looking_to(Vec3::Z, Vec3::Y);
-        let behind = spawn_mesh(stage.app, Rectangle::new(60.0, 60.0), unlit, behind);
-        stage.spawned.push(behind);
+        stage.put(Rectangle::new(60.0, 60.0), unlit, behind(12.0));
     }),
     ("haze along the second of two rays", |stage| {
         stage.bounces = 2;
@@ -82,22 +80,14 @@ impl Stage<'_> {
     /// as bright as behind it.
     fn lie_in_haze(&mut self, settings: AtmosphereSettings, metre: f32) {
         let medium = ScatteringMedium::earth(64, 64);
-        let medium = self.app.world().resource_mut::<Assets<ScatteringMedium>>().add(medium);
-        let atmosphere = Atmosphere::earth(medium);
+        let atmosphere = Atmosphere::earth(add(self.app, medium));
         let depth = (atmosphere.inner_radius + GROUND) * metre;
         self.add((
             atmosphere,
             Transform::from_xyz(0.0, -depth, 0.0).with_scale(Vec3::splat(metre)),
         ));
         self.dress(settings);
-        self.add((
-            DirectionalLight {
-                illuminance: 6_000.0,
-                ..default()
-            },
-            SunDisk::OFF,
-            Transform::default().looking_to(Vec3::new(1.0, -0.4, 0.0), Vec3::Y),
-        ));
+        self.add_sun(6_000.0, false, Vec3::new(1.0, -0.4, 0.0), SunDisk::OFF);
     }
 
     /// Glass with so little transmission that nothing is visible behind it. Cameras without a pass for such glass draw it only with

@@ -1,13 +1,13 @@
 //! Rows of the mirror suite about environment light: light probes, clearcoats and their reflections, and render layers.
 
 use super::{Row, Stage, blue};
+use crate::stage::{add, cube_map, image_of_layers};
 use bevy::{
-    asset::RenderAssetUsages,
     camera::visibility::RenderLayers,
     image::Image,
     light::{IrradianceVolume, LightProbe, ParallaxCorrection, RectLight},
     prelude::*,
-    render::render_resource::{Extent3d, TextureDimension, TextureFormat, TextureViewDescriptor, TextureViewDimension},
+    render::render_resource::{TextureDimension, TextureFormat},
 };
 use bevy_glint::ReflectionTechnique;
 
@@ -172,19 +172,7 @@ impl Stage<'_> {
     /// A cube map with two colours on each face.
     fn cube(&mut self, first: usize) -> Handle<Image> {
         let texel = |i: usize| color(first + i / 4 + usize::from(i % 4 == 3));
-        let size = Extent3d {
-            width: 2,
-            height: 2,
-            depth_or_array_layers: 6,
-        };
-        let texels = (0..24).flat_map(texel).collect();
-        let format = TextureFormat::Rgba8UnormSrgb;
-        let mut image = Image::new(size, TextureDimension::D2, texels, format, RenderAssetUsages::default());
-        image.texture_view_descriptor = Some(TextureViewDescriptor {
-            dimension: Some(TextureViewDimension::Cube),
-            ..default()
-        });
-        self.app.world().resource_mut::<Assets<Image>>().add(image)
+        add(self.app, cube_map(2, (0..24).flat_map(texel).collect()))
     }
 
     /// A reflection probe in a box, with the colours from a number on.
@@ -207,15 +195,10 @@ impl Stage<'_> {
 
     /// An irradiance volume of 2x2x2 voxels.
     fn add_volume(&mut self, at: Transform, first: usize) {
-        let size = Extent3d {
-            width: 2,
-            height: 4,
-            depth_or_array_layers: 6,
-        };
+        let size = UVec3::new(2, 4, 6);
         let texels = (0..48).flat_map(|i| color(first + i + i / 5)).collect();
         let format = TextureFormat::Rgba8UnormSrgb;
-        let image = Image::new(size, TextureDimension::D3, texels, format, RenderAssetUsages::default());
-        let voxels = self.app.world().resource_mut::<Assets<Image>>().add(image);
+        let voxels = add(self.app, image_of_layers(size, TextureDimension::D3, format, texels));
         self.add((
             LightProbe {
                 falloff: Vec3::splat(0.2),

@@ -1,13 +1,13 @@
 //! Rows of the mirror suite about lights with textures.
 
 use super::{Row, SUN, Stage, blue};
+use crate::stage::{add, image};
 use bevy::{
-    asset::RenderAssetUsages,
     camera::primitives::CubemapLayout,
     image::Image,
     light::{DirectionalLightTexture, PointLightTexture, SpotLightTexture},
     prelude::*,
-    render::render_resource::{Extent3d, TextureDimension, TextureFormat},
+    render::render_resource::TextureFormat,
 };
 
 pub(super) const ROWS: [Row; 6] = [
@@ -61,14 +61,7 @@ impl Stage<'_> {
             let is_border = place.x == 0 || place.y == 0 || (place + 1).cmpeq(size).any();
             texel(if is_border { 120 } else { 40 + (i * 53 % 216) as u8 })
         });
-        let texels = texels.collect();
-        let size = Extent3d {
-            width: size.x,
-            height: size.y,
-            ..default()
-        };
-        let image = Image::new(size, TextureDimension::D2, texels, format, RenderAssetUsages::default());
-        self.app.world().resource_mut::<Assets<Image>>().add(image)
+        add(self.app, image(size, format, texels.collect()))
     }
 
     fn light_by_spot(&mut self, image: Handle<Image>) {

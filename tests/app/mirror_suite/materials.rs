@@ -1,14 +1,14 @@
 //! Rows of the mirror suite about fields of materials and vertices that Bevy's forward and deferred shading treat in ways of their own.
 
 use super::{Row, Stage, blue};
+use crate::stage::{add, image};
 use bevy::{
-    asset::RenderAssetUsages,
     image::Image,
     material::OpaqueRendererMethod,
     math::Affine2,
     mesh::{UvChannel, VertexAttributeValues},
     prelude::*,
-    render::render_resource::{Extent3d, TextureDimension, TextureFormat},
+    render::render_resource::TextureFormat,
 };
 use bevy_glint::ReflectionTechnique;
 
@@ -173,18 +173,7 @@ impl Stage<'_> {
             let from_center = Vec2::new((i % WIDTH) as f32 - 15.5, (i / WIDTH) as f32 - 15.5).length() / 16.0;
             [60, 200, 40, (255.0 * (1.2 - from_center).clamp(0.0, 1.0)) as u8]
         });
-        let size = Extent3d {
-            width: WIDTH,
-            height: WIDTH,
-            ..default()
-        };
-        let image = Image::new(
-            size,
-            TextureDimension::D2,
-            texels.collect(),
-            TextureFormat::Rgba8UnormSrgb,
-            RenderAssetUsages::default(),
-        );
-        self.app.world().resource_mut::<Assets<Image>>().add(image)
+        let format = TextureFormat::Rgba8UnormSrgb;
+        add(self.app, image(UVec2::splat(WIDTH), format, texels.collect()))
     }
 }

@@ -3,7 +3,7 @@
 use super::{EDGES, LEVELS, Row, Stage, blue};
 use crate::{
     pictures::{apps, differing_pixels, warm_up},
-    stage::{BEFORE_THE_MIRROR, SIZE, spawn_mesh},
+    stage::{BEFORE_THE_MIRROR, SIZE, add, spawn_mesh},
 };
 use bevy::{camera::visibility::RenderLayers, light::NotShadowCaster, math::Affine2, prelude::*};
 use bevy_glint::{NotReflected, ReflectedLayers, ReflectedParticle, ReflectedParticles, ReflectionTechnique};
@@ -47,17 +47,9 @@ pub(super) const ROWS: [Row; 12] = [
     }),
     ("particles in the shadow of a wall", |stage| {
         // The sun comes from the side of the wall, which is out of sight.
-        stage.add((
-            DirectionalLight {
-                illuminance: 3000.0,
-                shadow_maps_enabled: true,
-                ..default()
-            },
-            Transform::default().looking_to(Vec3::new(1.0, -0.1, 0.4), Vec3::Y),
-        ));
-        let (wall, at) = (Cuboid::new(0.2, 30.0, 7.0), Transform::from_xyz(-8.0, 0.0, 5.0));
-        let wall = spawn_mesh(stage.app, wall, blue(), at);
-        stage.spawned.push(wall);
+        stage.add_sun(3000.0, true, Vec3::new(1.0, -0.1, 0.4), ());
+        let at = Transform::from_xyz(-8.0, 0.0, 5.0);
+        stage.put(Cuboid::new(0.2, 30.0, 7.0), blue(), at);
         stage.spawn(blue());
         stage.spawn_particles(AlphaMode::Opaque, false);
     }),
@@ -137,13 +129,11 @@ impl Stage<'_> {
         }
         for particle in &particles {
             let material = tinted(&material, particle.color);
-            let entity = spawn_mesh(self.app, Rectangle::new(1.0, 1.0), material, quad(particle));
+            let entity = self.put(Rectangle::new(1.0, 1.0), material, quad(particle));
             let own = (NotReflected, NotShadowCaster);
             self.app.world().entity_mut(entity).insert(own);
-            self.spawned.push(entity);
         }
-        let world = self.app.world();
-        let material = world.resource_mut::<Assets<StandardMaterial>>().add(material);
+        let material = add(self.app, material);
         self.add(ReflectedParticles { particles, material });
     }
 

@@ -9,7 +9,7 @@ use super::{Stage, blue};
 use crate::{
     common::app,
     pictures::{any_tracer, dump},
-    stage::spawn_mesh,
+    stage::{behind, spawn_mesh},
 };
 use bevy::{
     light::ClusteredDecal, material::OpaqueRendererMethod, pbr::ScreenSpaceTransmission, prelude::*,
@@ -206,11 +206,7 @@ impl<'a> Theatre<'a> {
         stage.dress(ScreenSpaceTransmission::default());
         let mut random = Random::new(light);
         add_lights(stage, &mut random);
-        stage.put(
-            Rectangle::new(60.0, 60.0),
-            blue(),
-            Transform::from_xyz(0.0, 0.0, 12.0).looking_to(Vec3::Z, Vec3::Y),
-        );
+        stage.put(Rectangle::new(60.0, 60.0), blue(), behind(12.0));
         self.keep_features();
         for (cell, recipe) in recipes.iter().enumerate() {
             let column = (cell % COLUMNS) as f32 - 0.5 * (COLUMNS - 1) as f32;

@@ -1,9 +1,8 @@
 //! Rows of the mirror suite about skies, and about levels of detail.
 
 use super::{Row, Stage, blue};
-use crate::stage::spawn_mesh;
+use crate::stage::{add, cube_map, image_of_layers};
 use bevy::{
-    asset::RenderAssetUsages,
     camera::visibility::VisibilityRange,
     image::{Image, ImageAddressMode, ImageSampler, ImageSamplerDescriptor},
     light::{
@@ -12,7 +11,7 @@ use bevy::{
     },
     pbr::AtmosphereSettings,
     prelude::*,
-    render::render_resource::{Extent3d, TextureDimension, TextureFormat, TextureViewDescriptor, TextureViewDimension},
+    render::render_resource::{TextureDimension, TextureFormat},
 };
 use bevy_glint::ReflectionTechnique;
 use std::{f32::consts::TAU, ops::Range};
@@ -43,20 +42,15 @@ pub(super) const ROWS: [Row; 12] = [
         stage.add_fog_volume();
         stage.spawn(blue());
         // Edges of shadow maps aren't compared.
-        for entity in stage.spawned.clone() {
-            stage.app.world().entity_mut(entity).insert(NotShadowReceiver);
-        }
+        stage.dress_spawned(NotShadowReceiver);
     }),
     ("a shadow in a volume of fog", |stage| {
         stage.add_fog_volume();
         stage.spawn(blue());
-        for entity in stage.spawned.clone() {
-            stage.app.world().entity_mut(entity).insert(NotShadowReceiver);
-        }
+        stage.dress_spawned(NotShadowReceiver);
         // In front of the light, beside the objects that both cameras see.
-        let block = Transform::from_xyz(-7.6, 2.4, 2.0);
-        let block = spawn_mesh(stage.app, Cuboid::new(4.0, 6.0, 4.0), blue(), block);
-        stage.spawned.push(block);
+        let at = Transform::from_xyz(-7.6, 2.4, 2.0);
+        stage.put(Cuboid::new(4.0, 6.0, 4.0), blue(), at);
     }),
     ("a spot light with shadows in a volume of fog", |stage| {
         stage.add_dark_fog();
@@ -73,9 +67,7 @@ pub(super) const ROWS: [Row; 12] = [
             Transform::from_xyz(-4.0, 2.5, 6.5).looking_to(Vec3::new(1.0, -0.45, 0.2), Vec3::Y),
         ));
         stage.spawn(blue());
-        for entity in stage.spawned.clone() {
-            stage.app.world().entity_mut(entity).insert(NotShadowReceiver);
-        }
+        stage.dress_spawned(NotShadowReceiver);
     }),
     ("a point light in a volume of fog", |stage| {
         stage.add_dark_fog();
@@ -96,18 +88,13 @@ pub(super) const ROWS: [Row; 12] = [
             Transform::from_xyz(-2.4, 1.6, 7.0),
         ));
         stage.spawn(blue());
-        for entity in stage.spawned.clone() {
-            let mut entity = stage.app.world().entity_mut(entity);
-            entity.insert((NotShadowCaster, NotShadowReceiver));
-        }
+        stage.dress_spawned((NotShadowCaster, NotShadowReceiver));
     }),
     ("a texture of the density of fog", |stage| {
         stage.add_fog_volume();
         stage.texture_fog();
         stage.spawn(blue());
-        for entity in stage.spawned.clone() {
-            stage.app.world().entity_mut(entity).insert(NotShadowReceiver);
-        }
+        stage.dress_spawned(NotShadowReceiver);
     }),
     ("volumetric fog under the sky of an atmosphere", |stage| {
         // Bevy's fog is dark where another directional light shines.
@@ -161,7 +148,7 @@ impl Stage<'_> {
     /// Surrounds everything with air.
     fn add_air(&mut self) {
         let medium = ScatteringMedium::earth(64, 64);
-        let medium = self.app.world().resource_mut::<Assets<ScatteringMedium>>().add(medium);
+        let medium = add(self.app, medium);
         self.add(Atmosphere::earth(medium));
         self.dress(AtmosphereSettings::default());
     }
@@ -169,14 +156,7 @@ impl Stage<'_> {
     /// Like `add_air`, with a low sun.
     fn breathe(&mut self, illuminance: f32) {
         self.add_air();
-        self.add((
-            DirectionalLight {
-                illuminance,
-                ..default()
-            },
-            SunDisk::OFF,
-            Transform::default().looking_to(LOW_SUN, Vec3::Y),
-        ));
+        self.add_sun(illuminance, false, LOW_SUN, SunDisk::OFF);
     }
 
     /// Fog between the camera and the wall behind it.
@@ -206,15 +186,7 @@ impl Stage<'_> {
     /// Adds the light that makes it visible, too.
     fn add_fog_volume(&mut self) {
         self.add_dark_fog();
-        self.add((
-            DirectionalLight {
-                illuminance: 2000.0,
-                shadow_maps_enabled: true,
-                ..default()
-            },
-            VolumetricLight,
-            Transform::default().looking_to(Vec3::new(1.0, -0.35, 0.9), Vec3::Y),
-        ));
+        self.add_sun(2000.0, true, Vec3::new(1.0, -0.35, 0.9), VolumetricLight);
     }
 
     /// Gives the fog a density texture, which is alternately dense and thin along each axis.
@@ -225,22 +197,16 @@ impl Stage<'_> {
                 [i % SIZE, i / SIZE % SIZE, i / (SIZE * SIZE)].map(|place| place as f32 * TAU / SIZE as f32);
             (255.0 * (0.4 + 0.2 * (x.sin() + (y + 0.5).sin() + (2.0 * z).cos()))).clamp(0.0, 255.0) as u8
         };
-        let size = Extent3d {
-            width: SIZE,
-            height: SIZE,
-            depth_or_array_layers: SIZE,
-        };
         let texels = (0..SIZE * SIZE * SIZE).map(texel).collect();
-        let format = TextureFormat::R8Unorm;
-        let mut image = Image::new(size, TextureDimension::D3, texels, format, RenderAssetUsages::default());
+        let mut image = image_of_layers(UVec3::splat(SIZE), TextureDimension::D3, TextureFormat::R8Unorm, texels);
         image.sampler = ImageSampler::Descriptor(ImageSamplerDescriptor {
             address_mode_u: ImageAddressMode::Repeat,
             address_mode_v: ImageAddressMode::Repeat,
             address_mode_w: ImageAddressMode::Repeat,
             ..ImageSamplerDescriptor::linear()
         });
+        let image = add(self.app, image);
         let world = self.app.world();
-        let image = world.resource_mut::<Assets<Image>>().add(image);
         for entity in &self.spawned {
             if let Some(mut volume) = world.get_mut::<FogVolume>(*entity) {
                 volume.density_texture = Some(image.clone());
@@ -262,10 +228,9 @@ impl Stage<'_> {
             ..blue()
         };
         let at = Transform::from_xyz(x, 0.0, 5.5).looking_to(Vec3::Z, Vec3::Y);
-        let level = spawn_mesh(self.app, Rectangle::new(1.2, 1.6), material, at);
+        let level = self.put(Rectangle::new(1.2, 1.6), material, at);
         let range = VisibilityRange::abrupt(range.start, range.end);
         self.app.world().entity_mut(level).insert(range);
-        self.spawned.push(level);
     }
 
     /// A cube map with smooth gradients of different colours on its faces.
@@ -279,24 +244,7 @@ impl Stage<'_> {
             );
             [face, x / 2 + 60, 255 - y / 2, 255]
         };
-        let extent = Extent3d {
-            width: size,
-            height: size,
-            depth_or_array_layers: 6,
-        };
         let texels = (0..6 * size * size).flat_map(texel).collect();
-        let format = TextureFormat::Rgba8UnormSrgb;
-        let mut image = Image::new(
-            extent,
-            TextureDimension::D2,
-            texels,
-            format,
-            RenderAssetUsages::default(),
-        );
-        image.texture_view_descriptor = Some(TextureViewDescriptor {
-            dimension: Some(TextureViewDimension::Cube),
-            ..default()
-        });
-        self.app.world().resource_mut::<Assets<Image>>().add(image)
+        add(self.app, cube_map(size, texels))
     }
 }

@@ -1,7 +1,6 @@
 //! Rows of the mirror suite about light that comes through surfaces (`StandardMaterial::diffuse_transmission`).
 
 use super::{Row, Stage, blue};
-use crate::stage::spawn_mesh;
 use bevy::{
     light::{NotShadowCaster, TransmittedShadowReceiver},
     prelude::*,
@@ -69,13 +68,7 @@ fn leaf() -> StandardMaterial {
 impl Stage<'_> {
     /// The sun behind the spawned objects, and a lamp.
     fn light_from_behind(&mut self) {
-        self.add((
-            DirectionalLight {
-                illuminance: 2000.0,
-                ..default()
-            },
-            Transform::default().looking_to(FROM_BEHIND, Vec3::Y),
-        ));
+        self.add_sun(2000.0, false, FROM_BEHIND, ());
         self.add((
             PointLight {
                 color: Color::linear_rgb(1.0, 0.6, 0.3),
@@ -95,9 +88,8 @@ impl Stage<'_> {
             ..leaf()
         };
         let at = Transform::from_xyz(-0.4, 0.2, 5.3).looking_to(Vec3::Z, Vec3::Y);
-        let sheet = spawn_mesh(self.app, Rectangle::new(2.4, 1.8), material, at);
+        let sheet = self.put(Rectangle::new(2.4, 1.8), material, at);
         let shadows = (NotShadowCaster, TransmittedShadowReceiver);
         self.app.world().entity_mut(sheet).insert(shadows);
-        self.spawned.push(sheet);
     }
 }

@@ -4,7 +4,7 @@ use super::{LEVELS, LIMIT, Stage, blue};
 use crate::{
     common::app_with,
     pictures::{any_tracer, differing_pixels, dump, flip, warm_up},
-    stage::{SIZE, frame, metal, report, spawn_camera, spawn_mesh},
+    stage::{SIZE, add, frame, metal, report, set_shader, spawn_camera, spawn_mesh, spawn_of},
 };
 use bevy::{
     asset::uuid_handle,
@@ -56,10 +56,8 @@ fn add_shaders(app: &mut HeadlessApp) {
         ),
         (REFLECTED, IN_REFLECTIONS, "wind_in_reflections"),
     ];
-    let mut shaders = app.world().resource_mut::<Assets<Shader>>();
     for (id, source, name) in own {
-        let path = format!("tests/{name}.wesl");
-        shaders.insert(&id, Shader::from_wesl(source, path)).unwrap();
+        set_shader(app, &id, source, &format!("tests/{name}.wesl"));
     }
 }
 
@@ -86,14 +84,12 @@ fn insert_shader(app: &mut HeadlessApp) {
 
 /// A square sheet with its root at the bottom.
 fn spawn_swaying(app: &mut HeadlessApp, material: StandardMaterial, at: Transform) -> Entity {
-    let world = app.world();
     let sheet = Plane3d::new(Vec3::Z, Vec2::splat(0.5)).mesh().subdivisions(11);
-    let mesh = world.resource_mut::<Assets<Mesh>>().add(sheet);
-    let material = world.resource_mut::<Assets<Swaying>>().add(Swaying {
+    let material = Swaying {
         base: material,
         extension: Wind {},
-    });
-    world.spawn((Mesh3d(mesh), MeshMaterial3d(material), at)).id()
+    };
+    spawn_of(app, sheet, material, at)
 }
 
 /// Stops the clock or starts it. A pause would end when the app is warm.
@@ -151,9 +147,7 @@ impl Stage<'_> {
         let right = self.in_the_mirror();
         let mut edit = |from: &str, to: &str| {
             let source = IN_REFLECTIONS.replace(from, to);
-            let shader = Shader::from_wesl(source, "tests/wind_in_reflections.wesl");
-            let mut shaders = self.app.world().resource_mut::<Assets<Shader>>();
-            shaders.insert(&REFLECTED, shader).unwrap();
+            set_shader(self.app, &REFLECTED, source, "tests/wind_in_reflections.wesl");
             // Failures are reported late.
             for _ in 0..20 {
                 frame(self.app);
@@ -182,9 +176,9 @@ impl Stage<'_> {
                 .count()
         };
         let before = count(self);
-        let world = self.app.world();
         let finer = Plane3d::new(Vec3::Z, Vec2::splat(0.5)).mesh().subdivisions(40);
-        let finer = world.resource_mut::<Assets<Mesh>>().add(finer);
+        let finer = add(self.app, Mesh::from(finer));
+        let world = self.app.world();
         let mut meshes = world.query_filtered::<&mut Mesh3d, With<ReflectedVertices>>();
         meshes.iter_mut(world).for_each(|mut mesh| mesh.0 = finer.clone());
         for frames in 0..60 {

@@ -2,8 +2,7 @@
 
 use super::{BEHIND, facing_the_mirror};
 use crate::{
-    common::app,
-    pictures::{apps, crop, differing_pixels, red_pixels, reflect, warm_up},
+    pictures::{apps, crop, differing_pixels, picture_app, red_pixels, reflect, warm_up},
     stage::{BEFORE_THE_MIRROR, RED, SIZE, metal, report, spawn_camera, spawn_mesh, unlit},
 };
 use bevy::{
@@ -18,7 +17,7 @@ use bevy::{
     pbr::ScreenSpaceReflections,
     prelude::*,
 };
-use bevy_glint::{RayTracedReflections, ReflectionTechnique, ReflectionTracerChoice};
+use bevy_glint::{RayTracedReflections, ReflectionTechnique};
 use glint_scenes::{HeadlessApp, Output, SceneName, environment};
 
 #[test]
@@ -58,12 +57,8 @@ fn pixels_that_must_not_reflect_are_left_alone() {
             spawn_mesh(&mut app, Rectangle::new(0.5, 1.5), material, transform);
         }
         // Whatever reflects turns red.
-        spawn_mesh(
-            &mut app,
-            Rectangle::new(60.0, 60.0),
-            unlit(RED),
-            facing_the_mirror(BEHIND),
-        );
+        let at = facing_the_mirror(BEHIND);
+        spawn_mesh(&mut app, Rectangle::new(60.0, 60.0), unlit(RED), at);
         app.warm_up(20_000).unwrap();
         app.step(12);
         let off = app.capture().unwrap();
@@ -122,9 +117,7 @@ fn a_camera_that_lacks_something_shows_an_ordinary_picture() {
         ("multisampling", multisampled),
         ("no HDR", no_hdr),
     ];
-    let Some(mut app) = app(SIZE, Output::Picture, ReflectionTracerChoice::Bvh) else {
-        return;
-    };
+    let Some(mut app) = picture_app(SIZE) else { return };
     glint_scenes::spawn(SceneName::MirrorRoom, app.world());
     let shot = |app: &mut HeadlessApp| {
         app.warm_up(20_000).unwrap();
@@ -178,12 +171,8 @@ fn spawn_reflecting_tiles(app: &mut HeadlessApp) {
                 perceptual_roughness,
                 ..default()
             };
-            spawn_mesh(
-                app,
-                Rectangle::new(0.9, 0.9),
-                material,
-                Transform::from_xyz(column, row, 0.0),
-            );
+            let at = Transform::from_xyz(column, row, 0.0);
+            spawn_mesh(app, Rectangle::new(0.9, 0.9), material, at);
         }
     }
 }
@@ -284,16 +273,10 @@ fn every_pixel_is_a_number() {
 #[test]
 fn wide_pictures_are_declined() {
     let size = UVec2::new(8_320, 8);
-    let Some(mut app) = app(size, Output::Picture, ReflectionTracerChoice::Bvh) else {
-        return;
-    };
+    let Some(mut app) = picture_app(size) else { return };
     spawn_mesh(&mut app, Rectangle::new(4_000.0, 12.0), metal(0.0), Transform::IDENTITY);
-    spawn_mesh(
-        &mut app,
-        Rectangle::new(8_000.0, 60.0),
-        unlit(RED),
-        facing_the_mirror(Vec3::Z * 6.0),
-    );
+    let at = facing_the_mirror(Vec3::Z * 6.0);
+    spawn_mesh(&mut app, Rectangle::new(8_000.0, 60.0), unlit(RED), at);
     let camera = spawn_camera(&mut app, BEFORE_THE_MIRROR, SceneName::MirrorRoom);
     let red = |app: &HeadlessApp, columns| red_pixels(&crop(&app.capture().unwrap(), size.x, columns));
     let reference = RayTracedReflections {

@@ -2,15 +2,18 @@
 
 use super::{BEHIND, facing_the_mirror};
 use crate::{
-    pictures::{apps_of_both, differing_pixels, reflect, warm_up},
-    stage::{BEFORE_THE_MIRROR, GREEN, RED, SIZE, metal, report, share_app, spawn_camera, spawn_mesh, unlit, wall},
+    pictures::{apps_of_both, differing_pixels, pixels_like, reflect, warm_up},
+    stage::{
+        self, BEFORE_THE_MIRROR, GREEN, RED, SIZE, add, metal, report, share_app, spawn_camera, spawn_mesh,
+        spawn_mirror, unlit,
+    },
 };
 use bevy::{
     asset::RenderAssetUsages,
     image::Image,
     mesh::{Indices, MeshCompressionArgs, PrimitiveTopology},
     prelude::*,
-    render::render_resource::{Extent3d, Face, TextureDimension, TextureFormat},
+    render::render_resource::{Face, TextureFormat},
 };
 use bevy_glint::{ReflectionTechnique, ReflectionTracerChoice};
 use glint_scenes::{HeadlessApp, Output, SceneName};
@@ -20,13 +23,11 @@ const EDGE_PIXELS: usize = 10;
 
 /// With a mirror that fills its image.
 fn camera_with_mirror(app: &mut HeadlessApp) -> Entity {
-    spawn_mesh(app, wall(), metal(0.0), Transform::IDENTITY);
-    spawn_camera(app, BEFORE_THE_MIRROR, SceneName::MirrorRoom)
+    spawn_mirror(app, 0.0, SceneName::MirrorRoom)
 }
 
 fn count(picture: &[u8], color: [u8; 3]) -> usize {
-    let close = |pixel: &&[u8]| pixel[..3].iter().zip(color).all(|(a, b)| a.abs_diff(b) <= 24);
-    picture.chunks_exact(4).filter(close).count()
+    pixels_like(picture, color, 24)
 }
 
 /// The image with one more object.
@@ -41,15 +42,8 @@ fn picture_with(app: &mut HeadlessApp, mesh: Mesh, material: StandardMaterial, t
 }
 
 fn image(app: &mut HeadlessApp, width: u32, data: Vec<u8>) -> Handle<Image> {
-    let extent = Extent3d {
-        width,
-        height: data.len() as u32 / 4 / width,
-        depth_or_array_layers: 1,
-    };
-    let (format, usage) = (TextureFormat::Rgba8UnormSrgb, RenderAssetUsages::default());
-    app.world()
-        .resource_mut::<Assets<Image>>()
-        .add(Image::new(extent, TextureDimension::D2, data, format, usage))
+    let size = UVec2::new(width, data.len() as u32 / 4 / width);
+    add(app, stage::image(size, TextureFormat::Rgba8UnormSrgb, data))
 }
 
 /// The attributes of a mesh, put together otherwise.
@@ -220,12 +214,8 @@ fn faces_and_holes_are_seen_as_the_material_says() {
             .flat_map(|i| [255, 255, 255, if i % 2 == 0 { 255 } else { 0 }])
             .collect();
         let grating = image(&mut app, 8, texels);
-        spawn_mesh(
-            &mut app,
-            quad(),
-            unlit(GREEN),
-            facing_the_mirror(BEHIND + Vec3::Z * 0.05),
-        );
+        let at = facing_the_mirror(BEHIND + Vec3::Z * 0.05);
+        spawn_mesh(&mut app, quad(), unlit(GREEN), at);
         let grating = StandardMaterial {
             base_color_texture: Some(grating),
             alpha_mode: AlphaMode::Mask(0.5),
@@ -270,12 +260,8 @@ fn rays_pass_through_many_holes() {
                 .unwrap();
         }
         spawn_mesh(&mut app, layers, material, Transform::from_xyz(0.0, 0.0, 4.0));
-        spawn_mesh(
-            &mut app,
-            Rectangle::new(30.0, 30.0),
-            unlit(RED),
-            facing_the_mirror(Vec3::Z * 8.0),
-        );
+        let at = facing_the_mirror(Vec3::Z * 8.0);
+        spawn_mesh(&mut app, Rectangle::new(30.0, 30.0), unlit(RED), at);
         reflect(&mut app, camera, ReflectionTechnique::Reference);
         let red = count(&app.capture().unwrap(), RED);
         assert_eq!(red, (SIZE / 2).element_product() as usize, "{tracer:?}");

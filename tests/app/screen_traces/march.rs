@@ -1,6 +1,6 @@
 //! Surfaces that rays don't see, found on the screen: `ScreenTraces::March`.
 
-use super::{LOWER, Stage, lower};
+use super::{LOWER, Stage, WAYS, lower};
 use crate::{
     pictures::{any_tracer, differing_pixels, dump, flip, reflect},
     stage::{SIZE, clear_glass, metal},
@@ -37,18 +37,8 @@ fn reflections_show_what_rays_do_not_see() {
             continue;
         };
         let expected = stage.expected();
-        for (technique, own_rays, max_bounces) in [
-            // Rays of blocks, mirrors in parallel to the shading of their hits, and before they bounce.
-            (ReflectionTechnique::Reference, false, 1),
-            (ReflectionTechnique::Variable, true, 1),
-            (ReflectionTechnique::Quarter, true, 3),
-        ] {
-            let name = format!("march-{tracer:?}-{technique:?}-{max_bounces}");
-            stage.set(|settings| {
-                settings.technique = technique;
-                settings.full_resolution_mirrors = own_rays;
-                settings.max_bounces = max_bounces;
-            });
+        for way in WAYS {
+            let name = format!("march-{tracer:?}-{}", stage.trace_by(way));
             let reused = stage.capture(ScreenTraces::Reuse);
             let marched = stage.capture(ScreenTraces::March);
             let missing = apart(&format!("{name}-reuse"), &expected, &reused);

@@ -4,7 +4,7 @@ use super::reference::*;
 use crate::{
     gpu::Gpu,
     sampling::reference::{
-        Random, fresnel_schlick, guard_view, sample_reflection, specular_f90, specular_lobe, view_at,
+        Random, close, fresnel_schlick, guard_view, sample_reflection, specular_f90, specular_lobe, view_at,
     },
     wesl::flatten,
 };
@@ -135,10 +135,6 @@ fn weight_input(view: Vec3, alpha: f32, direction: Vec3, inverse_pdf: f32, limit
     input[11] = specular_f90(f0);
     input[12..].copy_from_slice(&[wide, limit, cap, 2.0]);
     input
-}
-
-fn close(a: f32, b: f32, tolerance: f32) -> bool {
-    (a - b).abs() <= tolerance * a.abs().max(b.abs()).max(1e-3)
 }
 
 fn weights(gpu: &Gpu, inputs: &[WeightInput]) -> Vec<[Vec4; 2]> {

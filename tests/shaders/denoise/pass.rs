@@ -1,44 +1,13 @@
 //! Runs one pass of the denoiser over all tiles of a view.
 
 use crate::{
-    compute::{self, READ, WRITTEN, dispatch, empty_texture, read_texture},
+    compute::{self, READ, WRITTEN, depth_texture, dispatch, entry, read_texture},
     gpu::{Checks, Gpu},
     wesl::Shaders,
 };
 use bevy::math::{UVec2, uvec2};
-use std::collections::BTreeMap;
-use wgpu::{TextureFormat, TextureUsages};
-
-/// Bytes of a uniform, laid out as the shader has it.
-pub struct Uniform {
-    members: BTreeMap<String, usize>,
-    pub bytes: Vec<u8>,
-}
-
-impl Uniform {
-    pub fn new(module: &naga::Module, name: &str) -> Self {
-        let suffix = format!("_{name}");
-        for (_, ty) in module.types.iter() {
-            let linked = ty.name.as_deref();
-            let linked = linked.is_some_and(|linked| linked == name || linked.ends_with(&suffix));
-            if let (true, naga::TypeInner::Struct { members, span }) = (linked, &ty.inner) {
-                let offset =
-                    |member: &naga::StructMember| (member.name.clone().unwrap_or_default(), member.offset as usize);
-                return Self {
-                    members: members.iter().map(offset).collect(),
-                    bytes: vec![0; *span as usize],
-                };
-            }
-        }
-        panic!("no struct {name} in the shader");
-    }
-
-    pub fn set<T: bytemuck::NoUninit>(&mut self, member: &str, value: &[T]) {
-        let value: &[u8] = bytemuck::cast_slice(value);
-        let offset = self.members[member];
-        self.bytes[offset..offset + value.len()].copy_from_slice(value);
-    }
-}
+use bytemuck::NoUninit;
+use wgpu::{BindingResource, TextureFormat};
 
 /// The state that all passes of a view share.
 pub struct View {
@@ -103,20 +72,13 @@ impl<'a> Pass<'a> {
         let declared = module.global_variables.iter();
         let declared = declared.filter_map(|(_, variable)| variable.binding.as_ref().map(|binding| binding.binding));
         let side = frame.tile_pixels / if frame.wide { 16 } else { 8 };
-        let depth = empty_texture(
-            gpu,
-            TextureFormat::Depth32Float,
-            frame.size,
-            READ | TextureUsages::RENDER_ATTACHMENT,
-        );
-        clear_depth(gpu, &depth, frame.depth);
         Self {
             gpu,
             entry,
             wgsl,
             declared: declared.collect(),
             buffers,
-            textures: vec![(2, depth)],
+            textures: vec![(2, depth_texture(gpu, frame.size, frame.depth))],
             outputs: Vec::new(),
             size: frame.size,
             groups: tiles.x * tiles.y * side * side,
@@ -124,9 +86,9 @@ impl<'a> Pass<'a> {
     }
 
     /// Also replaces a buffer of the passes over the active tiles.
-    pub fn texture(&mut self, binding: u32, format: TextureFormat, size: UVec2, texels: &[u8]) {
+    pub fn texture<T: NoUninit>(&mut self, binding: u32, format: TextureFormat, size: UVec2, texels: &[T]) {
         self.buffers.retain(|(taken, _)| *taken != binding);
-        let texture = compute::texture(self.gpu, format, size, READ, texels);
+        let texture = compute::texture(self.gpu, format, size, READ, bytemuck::cast_slice(texels));
         self.textures.push((binding, texture));
     }
 
@@ -150,15 +112,10 @@ impl<'a> Pass<'a> {
         let mut entries: Vec<_> = self
             .buffers
             .iter()
-            .map(|(binding, buffer)| wgpu::BindGroupEntry {
-                binding: *binding,
-                resource: buffer.as_entire_binding(),
-            })
+            .map(|(binding, buffer)| entry(*binding, buffer.as_entire_binding()))
             .collect();
-        entries.extend(views.iter().map(|(binding, view)| wgpu::BindGroupEntry {
-            binding: *binding,
-            resource: wgpu::BindingResource::TextureView(view),
-        }));
+        let views = views.iter();
+        entries.extend(views.map(|(binding, view)| entry(*binding, BindingResource::TextureView(view))));
         entries.retain(|entry| self.declared.contains(&entry.binding));
         dispatch(gpu, &pipeline, &entries, uvec2(self.groups, 1));
         self.outputs
@@ -166,24 +123,4 @@ impl<'a> Pass<'a> {
             .map(|(_, texture, words)| read_texture(gpu, texture, self.size, *words))
             .collect()
     }
-}
-
-fn clear_depth(gpu: &Gpu, depth: &wgpu::Texture, value: f32) {
-    let mut encoder = gpu.device.create_command_encoder(&Default::default());
-    drop(encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
-        label: None,
-        color_attachments: &[],
-        depth_stencil_attachment: Some(wgpu::RenderPassDepthStencilAttachment {
-            view: &depth.create_view(&Default::default()),
-            depth_ops: Some(wgpu::Operations {
-                load: wgpu::LoadOp::Clear(value),
-                store: wgpu::StoreOp::Store,
-            }),
-            stencil_ops: None,
-        }),
-        timestamp_writes: None,
-        occlusion_query_set: None,
-        multiview_mask: None,
-    }));
-    gpu.queue.submit([encoder.finish()]);
 }

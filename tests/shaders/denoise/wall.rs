@@ -1,6 +1,7 @@
 //! A wall that faces the camera, its rays, and the results of the denoiser's passes.
-use super::pass::{Pass, Uniform, View};
+use super::pass::{Pass, View};
 use crate::{
+    compute::Uniform,
     gpu::Gpu,
     sampling::reference::{ReflectionSample, guard_view, orthonormal_basis, reflection_pdf, sample_reflection, sobol},
     wesl::Shaders,
@@ -277,13 +278,8 @@ impl Wall {
         let uniforms = |module: &naga::Module| [self.view_uniform(module), self.settings_uniform(module)];
         let mut pass = Pass::new(gpu, shaders, module, &view, uniforms);
         let facing = vec![[128u8, 128, 255, 255]; (self.size.x * self.size.y) as usize];
-        pass.texture(
-            3,
-            TextureFormat::Rgba32Uint,
-            self.size,
-            bytemuck::cast_slice(&self.words()),
-        );
-        pass.texture(4, TextureFormat::Rgba8Unorm, self.size, bytemuck::cast_slice(&facing));
+        pass.texture(3, TextureFormat::Rgba32Uint, self.size, &self.words());
+        pass.texture(4, TextureFormat::Rgba8Unorm, self.size, &facing);
         pass
     }
 
@@ -358,10 +354,10 @@ impl Wall {
         static TABLE: LazyLock<DirectionalAlbedo> = LazyLock::new(DirectionalAlbedo::new);
         let (table, side) = (TABLE.texels(), UVec2::splat(ALBEDO_TABLE_SIZE as u32));
         let (rates, tiles) = (self.rates(), self.tiles());
-        pass.texture(7, TextureFormat::R32Uint, tiles, bytemuck::cast_slice(&rates));
-        pass.texture(8, TextureFormat::Rgba16Float, trace, bytemuck::cast_slice(&seen));
-        pass.texture(9, TextureFormat::Rgba32Uint, trace, bytemuck::cast_slice(&records));
-        pass.texture(10, TextureFormat::Rg32Float, side, bytemuck::cast_slice(table));
+        pass.texture(7, TextureFormat::R32Uint, tiles, &rates);
+        pass.texture(8, TextureFormat::Rgba16Float, trace, &seen);
+        pass.texture(9, TextureFormat::Rgba32Uint, trace, &records);
+        pass.texture(10, TextureFormat::Rg32Float, side, table);
     }
 
     /// Reconstruction and accumulation in one pass; nothing has moved.
@@ -380,12 +376,7 @@ impl Wall {
     /// One frame of accumulation; nothing has moved.
     pub fn accumulate(&self, gpu: &Gpu, shaders: &mut Shaders, new: &[Reconstructed], before: &History) -> History {
         let mut pass = self.pass(gpu, shaders, "temporal", self.rest_defs());
-        pass.texture(
-            7,
-            TextureFormat::R32Uint,
-            self.tiles(),
-            bytemuck::cast_slice(&self.rates()),
-        );
+        pass.texture(7, TextureFormat::R32Uint, self.tiles(), &self.rates());
         self.history_of(pass, new, before)
     }
 
@@ -401,20 +392,15 @@ impl Wall {
         let pairs: Vec<_> = new.iter().map(pair).collect();
         let (size, tiles) = (self.size, self.tiles());
         let still = vec![[0f32; 2]; (size.x * size.y) as usize];
-        pass.texture(13, TextureFormat::R32Uint, tiles, bytemuck::cast_slice(&before.rates));
-        pass.texture(14, TextureFormat::Rg32Float, size, bytemuck::cast_slice(&still));
+        pass.texture(13, TextureFormat::R32Uint, tiles, &before.rates);
+        pass.texture(14, TextureFormat::Rg32Float, size, &still);
         if !new.is_empty() {
-            pass.texture(11, TextureFormat::Rgba16Float, size, bytemuck::cast_slice(&colors));
-            pass.texture(12, TextureFormat::R32Uint, size, bytemuck::cast_slice(&pairs));
+            pass.texture(11, TextureFormat::Rgba16Float, size, &colors);
+            pass.texture(12, TextureFormat::R32Uint, size, &pairs);
         }
-        pass.texture(
-            15,
-            TextureFormat::Rgba16Float,
-            size,
-            bytemuck::cast_slice(&before.radiance),
-        );
-        pass.texture(16, TextureFormat::R32Uint, size, bytemuck::cast_slice(&before.pair));
-        pass.texture(17, TextureFormat::Rg32Uint, size, bytemuck::cast_slice(&before.surface));
+        pass.texture(15, TextureFormat::Rgba16Float, size, &before.radiance);
+        pass.texture(16, TextureFormat::R32Uint, size, &before.pair);
+        pass.texture(17, TextureFormat::Rg32Uint, size, &before.surface);
         pass.output(18, TextureFormat::Rgba16Float, 2);
         pass.output(19, TextureFormat::R32Uint, 1);
         pass.output(20, TextureFormat::Rg32Uint, 2);
@@ -435,10 +421,9 @@ impl Wall {
         let (size, tiles) = (self.size, self.tiles());
         shaders.add("bevy_glint/denoise/shown.wesl", SHOWN.to_string());
         let mut pass = self.pass(gpu, shaders, "shown", &["BLUR"]);
-        let texels = bytemuck::cast_slice(&history.radiance);
-        pass.texture(5, TextureFormat::Rgba16Float, size, texels);
-        pass.texture(7, TextureFormat::R32Uint, tiles, bytemuck::cast_slice(&self.rates()));
-        pass.texture(8, TextureFormat::R32Uint, size, bytemuck::cast_slice(&history.pair));
+        pass.texture(5, TextureFormat::Rgba16Float, size, &history.radiance);
+        pass.texture(7, TextureFormat::R32Uint, tiles, &self.rates());
+        pass.texture(8, TextureFormat::R32Uint, size, &history.pair);
         pass.output(10, TextureFormat::Rgba16Float, 2);
         let written = pass.run();
         let texels = written[0].chunks(2).map(|words| halves4([words[0], words[1]]));
@@ -463,7 +448,7 @@ impl Wall {
 
     fn view_uniform(&self, module: &naga::Module) -> Vec<u8> {
         let clip_from_view = self.clip_from_view();
-        let mut uniform = Uniform::new(module, "View");
+        let mut uniform = Uniform::new(module, "View").expect("the shader has a view");
         for (name, matrix) in [
             ("clip_from_world", clip_from_view),
             ("unjittered_clip_from_world", clip_from_view),
@@ -479,7 +464,7 @@ impl Wall {
     }
 
     fn settings_uniform(&self, module: &naga::Module) -> Vec<u8> {
-        let mut uniform = Uniform::new(module, "ReflectionView");
+        let mut uniform = Uniform::new(module, "ReflectionView").expect("the shader has settings");
         uniform.set("fade_start", &[1.0f32]);
         uniform.set("cutoff", &[1.0f32]);
         uniform.set("max_ray_length", &[10_000.0f32]);

@@ -10,6 +10,7 @@ use super::{
 use crate::{
     denoise::wall::{half, unhalf},
     gpu::Gpu,
+    sampling::reference::pcg,
     wesl::Shaders,
 };
 use bevy::math::{UVec2, Vec2, Vec3, Vec4Swizzles, uvec2, vec2, vec4};
@@ -180,12 +181,6 @@ fn look_back(case: &Case, past: &Past, tile: UVec2) -> Seen {
         seen.noise += (shown * shown * variance.max(0.0) / frames).min(1.0);
     }
     seen
-}
-
-fn pcg(input: u32) -> u32 {
-    let state = input.wrapping_mul(747_796_405).wrapping_add(2_891_336_453);
-    let word = ((state >> ((state >> 28) + 4)) ^ state).wrapping_mul(277_803_737);
-    (word >> 22) ^ word
 }
 
 /// The texel of a tile, and whether rounding can change the decision.

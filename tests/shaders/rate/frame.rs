@@ -1,5 +1,6 @@
 //! G-buffers made up for tests of rates.
 
+use crate::sampling::reference::split_mix;
 use bevy::math::{UVec2, Vec3, uvec2};
 
 /// A seeded generator (`SplitMix64`).
@@ -7,11 +8,7 @@ pub struct Random(pub u64);
 
 impl Random {
     pub fn bits(&mut self) -> u32 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        ((z ^ (z >> 31)) >> 32) as u32
+        (split_mix(&mut self.0) >> 32) as u32
     }
 
     pub fn below(&mut self, end: u32) -> u32 {

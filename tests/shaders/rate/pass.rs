@@ -2,14 +2,14 @@
 
 use super::{adaptive::Past, frame::Frame, reference::Case};
 use crate::{
-    compute::{READ, WRITTEN, dispatch, empty_texture, read_texture, texture},
+    compute::{READ, WRITTEN, depth_texture, dispatch, entry, read_texture, texture},
     gpu::{Checks, Gpu},
     wesl::Shaders,
 };
 use bevy::{math::UVec2, shader::ShaderDefVal};
 use wgpu::{
     BindGroupEntry, BindGroupLayoutEntry, BindingResource, BindingType, Buffer, BufferBindingType, ShaderStages,
-    StorageTextureAccess, Texture, TextureFormat, TextureSampleType, TextureUsages, TextureView, TextureViewDimension,
+    StorageTextureAccess, Texture, TextureFormat, TextureSampleType, TextureView, TextureViewDimension,
 };
 
 /// Contents of buffers and textures before the pass.
@@ -116,7 +116,7 @@ impl Resources {
         ];
         (0..)
             .zip(own.into_iter().chain(past.iter().map(BindingResource::TextureView)))
-            .map(|(binding, resource)| BindGroupEntry { binding, resource })
+            .map(|(binding, resource)| entry(binding, resource))
             .collect()
     }
 
@@ -143,27 +143,6 @@ impl Resources {
             arguments,
         }
     }
-}
-
-/// A texture of the same depth everywhere.
-fn depth_texture(gpu: &Gpu, size: UVec2, depth: f32) -> Texture {
-    let usage = READ | TextureUsages::RENDER_ATTACHMENT;
-    let texture = empty_texture(gpu, TextureFormat::Depth32Float, size, usage);
-    let view = texture.create_view(&Default::default());
-    let mut encoder = gpu.device.create_command_encoder(&Default::default());
-    encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
-        depth_stencil_attachment: Some(wgpu::RenderPassDepthStencilAttachment {
-            view: &view,
-            depth_ops: Some(wgpu::Operations {
-                load: wgpu::LoadOp::Clear(depth),
-                store: wgpu::StoreOp::Store,
-            }),
-            stencil_ops: None,
-        }),
-        ..Default::default()
-    });
-    gpu.queue.submit([encoder.finish()]);
-    texture
 }
 
 /// Runs the entry point of a module, by its name in `shaders`, with shader definitions.

@@ -2,11 +2,15 @@
 //! of the shader.
 
 use super::{adaptive::Past, frame::Frame};
+use crate::compute::Uniform;
 use bevy::math::{Mat3, Mat4, UVec2, Vec2, Vec3, Vec3Swizzles, Vec4Swizzles, uvec2, vec2, vec4};
 use bevy_glint::{CombinedThresholds, ShadingRate, ShadingRateHeuristic};
 use std::collections::{BTreeMap, BTreeSet};
 
 pub const FULL_RESOLUTION_MIRRORS: u32 = 4;
+
+/// A uniform that the shader doesn't use.
+const UNUSED: [u8; 256] = [0; 256];
 
 /// Bevy's projection with an infinite far plane and reversed depth; the angle is the height of the view.
 pub fn perspective(angle: f32, aspect_ratio: f32) -> Mat4 {
@@ -133,7 +137,9 @@ impl Case {
 
     pub fn view_uniform(&self, module: &naga::Module) -> Vec<u8> {
         let view_from_clip = self.clip_from_view.inverse();
-        let mut uniform = Uniform::new(module, "View");
+        let Some(mut uniform) = Uniform::new(module, "View") else {
+            return UNUSED.to_vec();
+        };
         for (name, matrix) in [
             ("world_from_clip", self.world_from_view * view_from_clip),
             ("world_from_view", self.world_from_view),
@@ -150,7 +156,9 @@ impl Case {
     }
 
     pub fn settings_uniform(&self, module: &naga::Module) -> Vec<u8> {
-        let mut uniform = Uniform::new(module, "ReflectionView");
+        let Some(mut uniform) = Uniform::new(module, "ReflectionView") else {
+            return UNUSED.to_vec();
+        };
         uniform.set("fade_start", &[self.fade_start]);
         uniform.set("cutoff", &[self.cutoff]);
         uniform.set("flags", &[self.flags]);
@@ -170,47 +178,6 @@ impl Case {
             uniform.set("previous_world_position", &self.viewer().to_array());
         }
         uniform.bytes
-    }
-}
-
-/// Bytes of a uniform, laid out as the shader has it.
-struct Uniform {
-    members: BTreeMap<String, usize>,
-    bytes: Vec<u8>,
-}
-
-impl Uniform {
-    /// Without members if the shader doesn't use the struct.
-    fn new(module: &naga::Module, name: &str) -> Self {
-        let suffix = format!("_{name}");
-        for (_, ty) in module.types.iter() {
-            let linked = ty
-                .name
-                .as_deref()
-                .is_some_and(|linked| linked == name || linked.ends_with(&suffix));
-            if let (true, naga::TypeInner::Struct { members, span }) = (linked, &ty.inner) {
-                let members = members
-                    .iter()
-                    .map(|member| (member.name.clone().unwrap_or_default(), member.offset as usize));
-                return Self {
-                    members: members.collect(),
-                    bytes: vec![0; *span as usize],
-                };
-            }
-        }
-        Self {
-            members: BTreeMap::new(),
-            bytes: vec![0; 256],
-        }
-    }
-
-    fn set<T: bytemuck::NoUninit>(&mut self, member: &str, value: &[T]) {
-        if self.members.is_empty() {
-            return;
-        }
-        let start = self.members[member];
-        let value: &[u8] = bytemuck::cast_slice(value);
-        self.bytes[start..start + value.len()].copy_from_slice(value);
     }
 }
 

@@ -1,9 +1,12 @@
 //! The bytes of shading-rate attachments against the rate image that they are packed from, on a GPU or a CPU driver.
 
 use crate::{
+    compute::{READ, dispatch, entry, texture},
     gpu::{Checks, Gpu},
     wesl,
 };
+use bevy::math::uvec2;
+use wgpu::{BindingResource, TextureFormat};
 
 const ACTIVE: u32 = 0x100;
 const RESTING: u32 = 0x200;
@@ -32,32 +35,6 @@ fn expected(rates: &[u32], width: usize) -> Vec<u32> {
     rates.chunks(width).flat_map(|row| row.chunks(4).map(word)).collect()
 }
 
-fn texture(gpu: &Gpu, rates: &[u32], width: u32, height: u32) -> wgpu::TextureView {
-    let size = wgpu::Extent3d {
-        width,
-        height,
-        depth_or_array_layers: 1,
-    };
-    let texture = gpu.device.create_texture(&wgpu::TextureDescriptor {
-        label: None,
-        size,
-        mip_level_count: 1,
-        sample_count: 1,
-        dimension: wgpu::TextureDimension::D2,
-        format: wgpu::TextureFormat::R32Uint,
-        usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
-        view_formats: &[],
-    });
-    let layout = wgpu::TexelCopyBufferLayout {
-        offset: 0,
-        bytes_per_row: Some(4 * width),
-        rows_per_image: None,
-    };
-    gpu.queue
-        .write_texture(texture.as_image_copy(), bytemuck::cast_slice(rates), layout, size);
-    texture.create_view(&wgpu::TextureViewDescriptor::default())
-}
-
 #[test]
 fn each_tile_has_a_byte() {
     let Some(gpu) = Gpu::new() else { return };
@@ -66,31 +43,16 @@ fn each_tile_has_a_byte() {
     for (width, height) in [(1, 1), (4, 2), (5, 3), (7, 9), (120, 68)] {
         let rates = rates(width, height);
         let expected = expected(&rates, width as usize);
-        let view = texture(gpu, &rates, width, height);
+        let size = uvec2(width, height);
+        let texture = texture(gpu, TextureFormat::R32Uint, size, READ, bytemuck::cast_slice(&rates));
+        let view = texture.create_view(&Default::default());
         // The pass must overwrite the old contents.
         let words = gpu.buffer(&vec![u32::MAX; expected.len()]);
-        let group = gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
-            label: None,
-            layout: &pipeline.get_bind_group_layout(0),
-            entries: &[
-                wgpu::BindGroupEntry {
-                    binding: 0,
-                    resource: wgpu::BindingResource::TextureView(&view),
-                },
-                wgpu::BindGroupEntry {
-                    binding: 1,
-                    resource: words.as_entire_binding(),
-                },
-            ],
-        });
-        let mut encoder = gpu.device.create_command_encoder(&Default::default());
-        {
-            let mut pass = encoder.begin_compute_pass(&Default::default());
-            pass.set_pipeline(&pipeline);
-            pass.set_bind_group(0, &group, &[]);
-            pass.dispatch_workgroups((expected.len() as u32).div_ceil(64), 1, 1);
-        }
-        gpu.queue.submit([encoder.finish()]);
+        let entries = [
+            entry(0, BindingResource::TextureView(&view)),
+            entry(1, words.as_entire_binding()),
+        ];
+        dispatch(gpu, &pipeline, &entries, uvec2((expected.len() as u32).div_ceil(64), 1));
         assert_eq!(gpu.read::<u32>(&words), expected, "{width}x{height}");
     }
 }

@@ -295,43 +295,14 @@ fn a_white_furnace_reflects_the_split_sum() {
 
 #[test]
 fn no_input_makes_a_broken_sample() {
-    let odd = [
-        f32::NAN,
-        f32::INFINITY,
-        -f32::INFINITY,
-        0.0,
-        -0.0,
-        1e-30,
-        -1e-6,
-        1e-4,
-        0.5,
-        1.0,
-        -1.0,
-        3e38,
-    ];
     for (_, sample, pdf) in SAMPLERS {
-        for x in odd {
-            for z in odd {
-                let view = Vec3::new(x, 0.1, z);
-                for alpha in [0.0, -1.0, 0.00101, 0.3, 1.0, 7.0, f32::NAN, f32::INFINITY] {
-                    for u in [
-                        vec2(0.0, 0.0),
-                        vec2(0.99999994, 0.99999994),
-                        vec2(0.5, 1.0),
-                        vec2(f32::NAN, 0.5),
-                        vec2(0.3, 5.0),
-                    ] {
-                        let drawn = sample(view, alpha, u);
-                        assert!(
-                            drawn.direction.is_finite() && drawn.weight.is_finite() && drawn.inverse_pdf.is_finite()
-                        );
-                        assert!(drawn.direction.z >= 0.0 && (drawn.direction.length() - 1.0).abs() < 1e-4);
-                        assert!(drawn.weight >= 0.0 && (drawn.valid || drawn.weight == 0.0));
-                        assert!(pdf(view, drawn.direction, alpha).is_finite());
-                        assert!(specular_lobe(view, drawn.direction, alpha).is_finite());
-                    }
-                }
-            }
+        for (view, alpha, u) in hostile_inputs() {
+            let drawn = sample(view, alpha, u);
+            assert!(drawn.direction.is_finite() && drawn.weight.is_finite() && drawn.inverse_pdf.is_finite());
+            assert!(drawn.direction.z >= 0.0 && (drawn.direction.length() - 1.0).abs() < 1e-4);
+            assert!(drawn.weight >= 0.0 && (drawn.valid || drawn.weight == 0.0));
+            assert!(pdf(view, drawn.direction, alpha).is_finite());
+            assert!(specular_lobe(view, drawn.direction, alpha).is_finite());
         }
         assert!(!sample(Vec3::NAN, 0.3, Vec2::ZERO).valid && !sample(Vec3::Z, 0.3, Vec2::NAN).valid);
     }

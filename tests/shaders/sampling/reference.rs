@@ -310,19 +310,50 @@ pub fn calculate_f0(base_color: Vec3, metallic: f32, reflectance: Vec3) -> Vec3 
     )
 }
 
+/// Views, roughnesses and numbers that no sampler may fail with.
+pub fn hostile_inputs() -> Vec<(Vec3, f32, Vec2)> {
+    let (nan, infinite) = (f32::NAN, f32::INFINITY);
+    let odd = [
+        nan, infinite, -infinite, 0.0, -0.0, 1e-30, -1e-6, 1e-4, 0.5, 1.0, -1.0, 3e38,
+    ];
+    let numbers = [(0.0, 0.0), (0.99999994, 0.99999994), (0.5, 1.0), (nan, 0.5), (0.3, 5.0)];
+    let mut inputs = Vec::new();
+    for (x, z) in odd.iter().flat_map(|&x| odd.map(|z| (x, z))) {
+        for alpha in [0.0, -1.0, 0.00101, 0.3, 1.0, 7.0, nan, infinite] {
+            inputs.extend(numbers.map(|u| (vec3(x, 0.1, z), alpha, Vec2::from(u))));
+        }
+    }
+    inputs
+}
+
+/// Whether two numbers differ by at most this fraction, or by that of 0.001.
+pub fn close(a: f32, b: f32, tolerance: f32) -> bool {
+    (a - b).abs() <= tolerance * a.abs().max(b.abs()).max(1e-3)
+}
+
+/// The next bits of `SplitMix64`.
+pub fn split_mix(state: &mut u64) -> u64 {
+    *state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
+    let mut z = *state;
+    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    z ^ (z >> 31)
+}
+
 /// Independent random numbers.
 pub struct Random(pub u64);
 
 impl Random {
     pub fn next(&mut self) -> f32 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        unit_float(((z ^ (z >> 31)) >> 32) as u32)
+        unit_float((split_mix(&mut self.0) >> 32) as u32)
     }
 
     pub fn next2(&mut self) -> Vec2 {
         vec2(self.next(), self.next())
+    }
+
+    pub fn direction(&mut self) -> Vec3 {
+        let mut number = || self.next() * 2.0 - 1.0;
+        vec3(number(), number(), number()).normalize_or(Vec3::Z)
     }
 }

@@ -6,7 +6,7 @@ use crate::{
     gpu::Gpu,
     wesl::flatten,
 };
-use bevy::math::{UVec2, Vec2, Vec3, uvec2, vec2};
+use bevy::math::{UVec2, Vec2, Vec3, uvec2};
 use bevy_glint::internals::directional_albedo::{ALBEDO_TABLE_SIZE, DirectionalAlbedo};
 use bytemuck::{Pod, Zeroable};
 use wgpu::TextureFormat;
@@ -75,10 +75,6 @@ fn sample_twin(input: &SamplingInput) -> (ReflectionSample, f32) {
     };
     let drawn = sample(input.view, input.alpha, input.u);
     (drawn, pdf(input.view, drawn.direction, input.alpha))
-}
-
-fn close(a: f32, b: f32, tolerance: f32) -> bool {
-    (a - b).abs() <= tolerance * a.abs().max(b.abs()).max(1e-3)
 }
 
 #[test]
@@ -156,43 +152,17 @@ fn samples_are_those_of_the_twin() {
 #[test]
 fn hostile_inputs_stay_finite_on_the_gpu() {
     let Some(gpu) = Gpu::new() else { return };
-    let odd = [
-        f32::NAN,
-        f32::INFINITY,
-        -f32::INFINITY,
-        0.0,
-        -0.0,
-        1e-30,
-        -1e-6,
-        0.5,
-        1.0,
-        -1.0,
-        3e38,
-    ];
-    let mut inputs = Vec::new();
-    for x in odd {
-        for z in odd {
-            for alpha in [0.0, -1.0, 0.00101, 0.3, 1.0, 7.0, f32::NAN, f32::INFINITY] {
-                for u in [
-                    vec2(0.0, 0.0),
-                    Vec2::splat(0.99999994),
-                    vec2(0.5, 1.0),
-                    vec2(f32::NAN, 0.5),
-                    vec2(0.3, 5.0),
-                ] {
-                    for ndf in 0..2 {
-                        inputs.push(SamplingInput {
-                            view: Vec3::new(x, 0.1, z),
-                            alpha,
-                            u,
-                            ndf,
-                            padding: 0,
-                        });
-                    }
-                }
-            }
-        }
-    }
+    let input = |(view, alpha, u), ndf| SamplingInput {
+        view,
+        alpha,
+        u,
+        ndf,
+        padding: 0,
+    };
+    let hostile = hostile_inputs().into_iter();
+    let inputs: Vec<_> = hostile
+        .flat_map(|hostile| [0, 1].map(|ndf| input(hostile, ndf)))
+        .collect();
     let outputs: Vec<SamplingOutput> = gpu.run(&flatten(SAMPLING, &[], &[]), &inputs, &[]);
     for (input, output) in inputs.iter().zip(&outputs) {
         let case = format!(

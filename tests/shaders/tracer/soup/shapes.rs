@@ -1,5 +1,6 @@
 //! Meshes that break trees or triangle tests, and their transforms, from a seed.
 
+use crate::sampling::reference::split_mix;
 use bevy::math::{Affine3A, EulerRot, Quat, Vec3};
 
 /// `SplitMix64`.
@@ -7,11 +8,7 @@ pub struct Random(pub u64);
 
 impl Random {
     pub fn bits(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ z >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ z >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^ z >> 31
+        split_mix(&mut self.0)
     }
 
     /// In [-1, 1).
