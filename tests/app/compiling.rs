@@ -71,7 +71,12 @@ fn nothing_is_compiled_twice_or_for_techniques_that_are_out_of_use() {
     for (tracer, mut app) in apps(SIZE, Output::Picture) {
         // Before much moves for the first time.
         app.step(2);
-        assert_eq!(count(&app, "glint_scatter"), 2, "{tracer:?}: instances and lights");
+        let kernels = if tracer == ReflectionTracerChoice::Bvh { 3 } else { 2 };
+        assert_eq!(
+            count(&app, "glint_scatter"),
+            kernels,
+            "{tracer:?}: instances, lights, and the BVH's trees"
+        );
         let camera = stage(&mut app, RayTracedReflections::default());
         let compiled = pipelines(&app);
         println!("{tracer:?}: {} pipelines at start", compiled.len());

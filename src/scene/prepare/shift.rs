@@ -11,7 +11,7 @@ use crate::{
 };
 use bevy::{
     ecs::entity::{Entity, EntityHashMap},
-    math::{Affine3A, Vec3, Vec3A},
+    math::{Affine3A, Mat3A, Vec3, Vec3A},
 };
 
 /// One in this number of objects can stay behind, as a sky dome does, or move on its own. With a higher number, fewer shifts are recognised;
@@ -24,18 +24,18 @@ pub(crate) fn moves_along(step: Vec3, world: Vec3) -> bool {
     step.distance_squared(world) < step.length_squared()
 }
 
-/// Returns the translation from one place to another; `None` if anything else differs.
+/// Returns the translation from one place to another; `None` if anything else differs. Written out, since the compiler doesn't reliably
+/// inline closures over an array of rows, and this runs for each moving object.
+#[inline]
 fn step(before: &[[f32; 4]; 3], now: &Affine3A) -> Option<Vec3A> {
-    let now_rows = now.matrix3.transpose();
-    let same = [now_rows.x_axis, now_rows.y_axis, now_rows.z_axis]
-        .iter()
-        .zip(before)
-        .all(|(now, before)| now.to_array() == before[..3]);
-    same.then(|| now.translation - translation(before))
+    let [[a, b, c, _], [d, e, f, _], [g, h, i, _]] = *before;
+    let linear = Mat3A::from_cols(Vec3A::new(a, d, g), Vec3A::new(b, e, h), Vec3A::new(c, f, i));
+    (linear == now.matrix3).then(|| now.translation - translation(before))
 }
 
+#[inline]
 fn translation(rows: &[[f32; 4]; 3]) -> Vec3A {
-    Vec3A::from_array(rows.map(|row| row[3]))
+    Vec3A::new(rows[0][3], rows[1][3], rows[2][3])
 }
 
 /// Returns whether an object moved by this vector, apart from rounding.
