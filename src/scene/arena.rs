@@ -17,10 +17,11 @@
 //!
 //! # Order of writes
 //!
-//! [`Arena::write`] goes through the queue: the bytes are written when the next submission starts, before any of its commands. Each part
-//! of a copy is submitted at once. Writes before a part is copied therefore reach the old buffer ahead of the copy and are copied with
-//! it, and later writes go to both buffers. Commands recorded in the same frame with a bind group of the old buffer still see valid
-//! content. A freed slice can be reused and overwritten in the same frame: all references to it must be updated in that frame too.
+//! [`Arena::write`] goes through the queue: the bytes are written when the next submission starts, before any of its commands. Each part of
+//! a copy is submitted at once. Writes before a part is copied therefore reach the old buffer ahead of the copy and are copied with it, and
+//! later writes go to both buffers. The dispatches of [`Arena::clear_units`] are submitted at once, too. Commands recorded in the same
+//! frame with a bind group of the old buffer still see valid content. A freed slice can be reused and overwritten in the same frame: all
+//! references to it must be updated in that frame too.
 
 mod slice_allocator;
 
@@ -42,9 +43,11 @@ pub use slice_allocator::ArenaSlice;
 
 /// Minimum number of bytes copied to a replacement per frame: a few milliseconds on a CPU driver.
 const LEAST_PART: u64 = 4 << 20;
-/// Number of units up to which [`Arena::clear_units`] sorts them to find runs.
+/// Number of units up to which [`Arena::clear_units`] sorts them to find runs. A higher number finds few runs among more units, and takes
+/// longer to sort those that have many; not tuned.
 const MOST_SORTED: usize = 4096;
-/// Maximum number of runs that it clears without a kernel, which has a fixed cost.
+/// Maximum number of runs that it clears without a kernel. A higher number makes more writes, of about a microsecond each; a lower one
+/// dispatches more often, which has a fixed cost; not tuned.
 const FEW_WRITES: usize = 32;
 /// Frames that it takes to replace a large buffer.
 const PARTS: u64 = 32;

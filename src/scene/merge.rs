@@ -44,7 +44,7 @@ const MOST_CUT_TRIANGLES: usize = 1 << 20;
 const MOST_CUTS: usize = 512;
 const MOST_CUTS_PER_FRAME: usize = 2048;
 
-/// Objects of a plan that are looked up in one frame. With more, frames take longer; with fewer, trees are late.
+/// Objects of a plan that are looked up in one frame. With more, frames take longer; with fewer, trees are late. Not tuned.
 const GATHERED_PER_FRAME: usize = 2048;
 
 /// Frames for which merging waits while micromaps are being built: two seconds. A higher number merges a scene that streams in
