@@ -215,6 +215,7 @@ mod tests {
             ("virtual_history", denoiser.virtual_history.to_string()),
             ("clip_sigma", denoiser.clip_sigma.to_string()),
             ("suppress_fireflies", denoiser.suppress_fireflies.to_string()),
+            ("follow_light_changes", denoiser.follow_light_changes.to_string()),
             ("half_resolution", denoiser.half_resolution.to_string()),
             ("converge_static_views", denoiser.converge_static_views.to_string()),
             ("blur_radius", denoiser.blur_radius.to_string()),

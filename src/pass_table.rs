@@ -11,7 +11,7 @@ use crate::{
     pipelines::{Pass, Pipelines},
     rate::{ADAPTIVE_RATES, RATES},
     scene::SceneBindings,
-    trace::{CONVERGED, INLINE, MIRRORS, RAYS, SHADING, SHADING_AND_MIRRORS},
+    trace::{CONVERGED, INLINE, KEPT_RAYS, MIRRORS, RAYS, SHADING, SHADING_AND_MIRRORS},
 };
 #[cfg(feature = "internals")]
 use crate::{pipelines::Options, scene::Features};
@@ -24,7 +24,7 @@ use bevy::{
 };
 
 /// All passes over the G-buffer.
-pub(crate) const PASSES: [&Pass; 23] = [
+pub(crate) const PASSES: [&Pass; 24] = [
     RATES,
     ADAPTIVE_RATES,
     RAYS,
@@ -33,6 +33,7 @@ pub(crate) const PASSES: [&Pass; 23] = [
     MIRRORS,
     CONVERGED,
     INLINE,
+    KEPT_RAYS,
     RECONSTRUCT,
     TEMPORAL,
     ONE_PASS,

@@ -45,7 +45,7 @@ impl Plugin for ReadyPlugin {
 }
 
 /// Settings that determine the pipelines of a view.
-pub(crate) type PipelineKey = (ReflectionTechnique, [bool; 9], RateVariant, u32);
+pub(crate) type PipelineKey = (ReflectionTechnique, [bool; 10], RateVariant, u32);
 
 /// The key of a view's pipelines; other settings can change without a new compilation.
 pub(crate) fn pipeline_key(settings: &ClampedSettings, rate: &RateSettings) -> PipelineKey {
@@ -60,6 +60,7 @@ pub(crate) fn pipeline_key(settings: &ClampedSettings, rate: &RateSettings) -> P
         settings.reuses_screen(),
         settings.marches_screen(),
         settings.denoises_in_one_pass(),
+        settings.follows_light(),
     ];
     (settings.technique, flags, rate.variant.clone(), rate.tile_size)
 }
@@ -204,7 +205,7 @@ mod tests {
 
     /// All combinations of the settings that change passes.
     fn all_settings() -> impl Iterator<Item = RayTracedReflections> {
-        let switches = (0..1u32 << 6).map(|bits| move |bit: u32| bits & (1 << bit) != 0);
+        let switches = (0..1u32 << 7).map(|bits| move |bit: u32| bits & (1 << bit) != 0);
         switches.flat_map(|is_set| {
             ReflectionTechnique::ALL.map(|technique| {
                 let mut reflections = RayTracedReflections {
@@ -218,6 +219,7 @@ mod tests {
                 denoiser.half_resolution = is_set(3);
                 denoiser.blur_radius = if is_set(4) { 3.0 } else { 0.0 };
                 denoiser.converge_static_views = is_set(5);
+                denoiser.follow_light_changes = is_set(6);
                 reflections
             })
         })

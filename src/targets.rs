@@ -43,6 +43,11 @@ pub const REFLECTION_FORMAT: TextureFormat = TextureFormat::Rgba16Float;
 /// The frame for rays that reuse it: exposed light, and the distance from the viewer in metres (at most 60,000; 0 is the sky).
 pub const SCREEN_FORMAT: TextureFormat = TextureFormat::Rgba16Float;
 
+/// Pixels of a cell of [`LightChangeTargets`] in each direction: `CELL_LOG2` of `trace/kept_rays.wesl`.
+const CELL: u32 = 16;
+/// Bytes of a ray in [`LightChangeTargets::rays`].
+const KEPT_RAY_BYTES: u64 = 48;
+
 /// Maximum number of trace pixels of a view in each direction: limited by the bits for a block's position in the ray list.
 pub const LARGEST_TRACE_SIZE: u32 = 1 << 13;
 
@@ -79,6 +84,11 @@ impl Sizes {
     pub fn tiles(self) -> UVec2 {
         (self.trace() + self.tile - 1) / self.tile
     }
+
+    /// Cells that keep a ray each.
+    pub fn cells(self) -> UVec2 {
+        (self.full + CELL - 1) / CELL
+    }
 }
 
 /// The textures that exist.
@@ -92,6 +102,8 @@ pub struct Needs {
     pub reconstructed: bool,
     pub reflection: bool,
     pub screen: bool,
+    /// Rays of the last frame are traced again.
+    pub light_changes: bool,
     /// A view can occupy a part of them: no textures are drawn into, and only a reprojected history outlives a frame.
     pub in_parts: bool,
 }
@@ -111,6 +123,7 @@ impl Needs {
             mirrors: !accumulation && settings.full_resolution_mirrors,
             reconstructed: !accumulation && !settings.denoises_in_one_pass(),
             screen: settings.reuses_screen(),
+            light_changes: settings.follows_light(),
         }
     }
 }
@@ -165,6 +178,16 @@ pub struct PipelineTargets {
     pub mirrors: Option<(TextureView, TextureView)>,
     /// Textures that outlive the frame; absent without temporal accumulation.
     pub history: Option<HistoryTargets>,
+    /// Absent without [`ReflectionDenoiser::follow_light_changes`](crate::ReflectionDenoiser::light_changes).
+    pub light_changes: Option<LightChangeTargets>,
+}
+
+/// The rays that are traced again, and what they saw.
+pub struct LightChangeTargets {
+    /// One `KeptRay` of `trace/kept_rays.wesl` for each cell of pixels.
+    pub rays: Buffer,
+    /// [`RADIANCE_FORMAT`] (cell): change of the light, and light.
+    pub changes: TextureView,
 }
 
 /// The textures of one index of all ping-pong pairs that are part of the history.
@@ -217,6 +240,16 @@ impl PipelineTargets {
     }
 }
 
+impl LightChangeTargets {
+    fn new(create: &mut Creator, cells: UVec2) -> Self {
+        let bytes = KEPT_RAY_BYTES * u64::from(cells.x) * u64::from(cells.y);
+        Self {
+            rays: create.buffer(bytes, BufferUsages::empty(), "glint_kept_rays"),
+            changes: create.texture(cells, RADIANCE_FORMAT, "glint_light_changes"),
+        }
+    }
+}
+
 /// Ping-pong pairs: this frame writes `[write_index]` and reads `[1 - write_index]`.
 pub struct HistoryTargets {
     /// [`RADIANCE_FORMAT`] (denoised): accumulated radiance; alpha is the history length in frames, 0 = nothing.
@@ -226,6 +259,24 @@ pub struct HistoryTargets {
     /// [`HISTORY_SURFACE_FORMAT`] (denoised): `pack2x16float(distance from the viewer in metres, mean Y of the last frames)`, 0 if nothing
     /// reflects; geometric normal as `pack2x16snorm` of its octahedral map with the lowest 8 bits of the word replaced by the roughness.
     pub surface: [TextureView; 2],
+}
+
+impl HistoryTargets {
+    fn new(create: &mut Creator, size: UVec2) -> Self {
+        Self {
+            radiance: create.pair(
+                size,
+                RADIANCE_FORMAT,
+                ["glint_history_radiance_a", "glint_history_radiance_b"],
+            ),
+            stats: create.pair(size, STATS_FORMAT, ["glint_history_stats_a", "glint_history_stats_b"]),
+            surface: create.pair(
+                size,
+                HISTORY_SURFACE_FORMAT,
+                ["glint_history_surface_a", "glint_history_surface_b"],
+            ),
+        }
+    }
 }
 
 /// A target of fragments that are kept.
@@ -379,23 +430,10 @@ impl Targets {
                 let radiance = create.texture(full, RADIANCE_FORMAT, "glint_mirror_radiance");
                 (radiance, create.texture(full, STATS_FORMAT, "glint_mirror_stats"))
             }),
-            history: needs.temporal.then(|| HistoryTargets {
-                radiance: create.pair(
-                    denoised,
-                    RADIANCE_FORMAT,
-                    ["glint_history_radiance_a", "glint_history_radiance_b"],
-                ),
-                stats: create.pair(
-                    denoised,
-                    STATS_FORMAT,
-                    ["glint_history_stats_a", "glint_history_stats_b"],
-                ),
-                surface: create.pair(
-                    denoised,
-                    HISTORY_SURFACE_FORMAT,
-                    ["glint_history_surface_a", "glint_history_surface_b"],
-                ),
-            }),
+            history: needs.temporal.then(|| HistoryTargets::new(create, denoised)),
+            light_changes: needs
+                .light_changes
+                .then(|| LightChangeTargets::new(create, room.cells())),
         });
         let counters = create.buffer(word_offset(COUNTER_WORDS), BufferUsages::empty(), "glint_counters");
         let reflection = needs

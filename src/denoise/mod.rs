@@ -44,6 +44,7 @@ impl Plugin for DenoisePlugin {
         load_shader_library!(app, "filters.wesl");
         load_shader_library!(app, "history.wesl");
         load_shader_library!(app, "hit_motion.wesl");
+        load_shader_library!(app, "light_change.wesl");
         load_shader_library!(app, "lobes.wesl");
         load_shader_library!(app, "neighbours.wesl");
         load_shader_library!(app, "tiles.wesl");

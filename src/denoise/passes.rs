@@ -35,6 +35,10 @@ fn variant(pass: &'static Pass, settings: &ClampedSettings, rest: bool) -> Varia
         pass != TEMPORAL && settings.technique.trace_scale() > settings.texel(),
     );
     options.set(Options::REST, rest);
+    options.set(
+        Options::LIGHT_CHANGES,
+        pass != RECONSTRUCT && !rest && settings.follows_light(),
+    );
     pass.variant(Features::empty(), options)
 }
 

@@ -41,6 +41,11 @@ pub(super) fn bindings() -> Vec<Binding> {
         Binding::written(HISTORY_SURFACE_FORMAT, |context| {
             Some(&context.history()?.0.surface[context.now()])
         }),
+        Binding::floats(|context| {
+            let images = context.images()?;
+            let changes = images.light_changes.as_ref().map(|light| &light.changes);
+            Some(changes.unwrap_or(&images.ray_radiance))
+        }),
     ]);
     bindings
 }

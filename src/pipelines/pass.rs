@@ -139,6 +139,10 @@ bitflags! {
         const ONE_TLAS = 1 << 19;
         /// The denoiser stores one pixel of each quad of 2x2 pixels.
         const HALF_RESOLUTION = 1 << 20;
+        /// Traces rays of the last frame with their random numbers ...
+        const KEPT_RAYS = 1 << 21;
+        /// ... and shortens histories where their light has changed.
+        const LIGHT_CHANGES = 1 << 22;
     }
 }
 

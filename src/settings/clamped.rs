@@ -59,6 +59,14 @@ impl ClampedSettings {
         self.screen_traces != ScreenTraces::Off && can_reuse_screen(self.technique, self.backend)
     }
 
+    /// Returns whether rays of the last frame are traced again. The screen's light has the noise of its frame, which would count as a change.
+    pub fn follows_light(&self) -> bool {
+        self.denoiser.follow_light_changes
+            && self.denoiser.temporal
+            && self.technique != ReflectionTechnique::Converged
+            && !self.reuses_screen()
+    }
+
     /// Returns whether reconstruction and accumulation are one pass, without data in between.
     pub fn denoises_in_one_pass(&self) -> bool {
         self.denoiser.temporal

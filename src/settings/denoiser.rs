@@ -32,6 +32,12 @@ pub struct ReflectionDenoiser {
     /// longer clipped and hardly dimmed, and grows to eight times `max_history`, up to 240 frames. If off, a static image loses as much
     /// light as a moving one. Default: true. The paper has no such step.
     pub converge_static_views: bool,
+    /// Shortens the history where the light of a reflection changes, such as that of a lamp that swings: a few rays of the last frame are
+    /// traced again, and show by how much. Without it, such light lags behind by some frames, and bright light leaves a trail. It costs a
+    /// ray for each 16x16 pixels, and at least the time of one ray with its shadow rays, which few rays can't hide; nothing while the scene
+    /// is static. It has no effect with [`ScreenTraces`](crate::ScreenTraces), without [`temporal`](Self::temporal), and on
+    /// [`Converged`](crate::ReflectionTechnique::Converged). Default: false. The paper has no such step.
+    pub follow_light_changes: bool,
     /// Reconstructs, accumulates and stores one pixel of each quad of 2x2 pixels, and interpolates the others between those that show the
     /// same surface: about 70 % of the time behind the rays, and half of the memory. Fresnel, colours, occlusion and fog stay per
     /// pixel. Reflections in smooth surfaces are less sharp, also in static views; surfaces thinner than two pixels can show the
@@ -54,6 +60,7 @@ impl ReflectionDenoiser {
         clip_sigma: 1.5,
         suppress_fireflies: false,
         converge_static_views: false,
+        follow_light_changes: false,
         half_resolution: false,
         blur_radius: 0.0,
     };
@@ -66,6 +73,7 @@ impl ReflectionDenoiser {
         clip_sigma: 1.5,
         suppress_fireflies: false,
         converge_static_views: false,
+        follow_light_changes: false,
         half_resolution: false,
         blur_radius: 3.0,
     };
@@ -81,6 +89,7 @@ impl Default for ReflectionDenoiser {
             clip_sigma: 1.5,
             suppress_fireflies: true,
             converge_static_views: true,
+            follow_light_changes: false,
             half_resolution: false,
             blur_radius: 3.0,
         }

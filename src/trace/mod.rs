@@ -4,6 +4,7 @@
 //! |---|---|
 //! | `passes.rs` | the passes that trace the rays of a view |
 //! | `blocks`, `inline`, `converged`, `vrs` | the passes: bindings in Rust, work in WESL |
+//! | `kept_rays` | a few rays of the last frame, traced again to see changes of the light |
 //! | `state.rs`, `variant.rs` | the features that they are compiled for |
 //! | `plan.rs` | which of them run, in which variants, while others are compiled |
 //! | `resources.rs` | their inputs from the render world |
@@ -13,6 +14,7 @@
 //! | `rays.wesl` | one ray: from a pixel of the G-buffer to its radiance |
 //! | `miss.wesl` | the light of a ray that hits nothing |
 //! | `volumes.wesl`, `particles.wesl` | volumes of fog and particles along rays |
+//! | `sample_number.wesl` | the number that seeds the random numbers of a ray |
 //! | `light_numbers.wesl` | the random numbers by which hits sample lights |
 //! | `screen.wesl` | reuse of the camera's light instead of shading |
 //! | `march.wesl` | surfaces of the camera's frame on the path of a ray, before its hit |
@@ -28,6 +30,7 @@ mod converged;
 pub mod directional_albedo;
 mod fallback;
 mod inline;
+mod kept_rays;
 mod passes;
 mod plan;
 mod resources;
@@ -44,6 +47,7 @@ pub(crate) use blocks::{MIRRORS, RAYS, SHADING, SHADING_AND_MIRRORS};
 pub(crate) use converged::CONVERGED;
 pub(crate) use fallback::{Fallbacks, choose};
 pub(crate) use inline::INLINE;
+pub(crate) use kept_rays::KEPT_RAYS;
 pub(crate) use passes::trace_rays;
 pub(crate) use state::request_trace_passes;
 
@@ -81,6 +85,7 @@ impl Plugin for TracePlugin {
         load_shader_library!(app, "rays.wesl");
         load_shader_library!(app, "record.wesl");
         load_shader_library!(app, "refraction.wesl");
+        load_shader_library!(app, "sample_number.wesl");
         load_shader_library!(app, "sampling.wesl");
         load_shader_library!(app, "screen.wesl");
         load_shader_library!(app, "march.wesl");
@@ -92,6 +97,7 @@ impl Plugin for TracePlugin {
         embedded_asset!(app, "blocks.wesl");
         embedded_asset!(app, "converged.wesl");
         embedded_asset!(app, "inline.wesl");
+        embedded_asset!(app, "kept_rays.wesl");
         embedded_asset!(app, "shade.wesl");
         embedded_asset!(app, "vrs.wesl");
     }

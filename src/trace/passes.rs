@@ -4,6 +4,7 @@ use super::{
     blocks::{MIRRORS, RAYS, SHADING_AND_MIRRORS, run_list},
     converged::{CONVERGED, trace_converged},
     inline::{INLINE, trace_inline},
+    kept_rays::trace_kept_rays,
     state::TraceState,
     variant::{Demand, RayPass},
     vrs::VrsPass,
@@ -36,6 +37,11 @@ pub(crate) fn trace_rays(
         && context.view.settings.backend == ReflectionBackend::HardwareVrs
         && !wanted.intersects(Features::LIGHT_SAMPLING | Features::SURFACE_SHADER)
         && vrs.trace(ctx, pipelines, context);
+    if context.textures.follows_light()
+        && let Some(variant) = state.kept_rays(&context.view.settings, (pipelines, context.cache))
+    {
+        trace_kept_rays(ctx, pipelines, variant, context);
+    }
     let mut watches = false;
     for (pass, features) in plan.steps() {
         let variant = pass.variant(features, Options::empty());

@@ -3,6 +3,7 @@
 use super::{
     directional_albedo::{ALBEDO_TABLE_SIZE, DirectionalAlbedo},
     inline::INLINE,
+    kept_rays::KEPT_RAYS,
     plan::{Plan, passes},
     surface_shader::SurfaceShader,
     variant::{Demand, PASSES, features_of},
@@ -56,7 +57,13 @@ pub struct TraceState {
     /// Shaders with these features are compiled.
     is_warm: bool,
     missing: Missing,
+    /// Version of the scene in the last frame, and the number of frames since then in which it changed.
+    scene: (u32, u32),
 }
+
+/// Frames in a row in which the scene changes before rays are kept: their shader isn't compiled for scenes that only load. A higher number
+/// lets the first changes lag behind.
+const LASTING_CHANGES: u32 = 8;
 
 /// Features that the passes of views lack.
 #[derive(Clone, Copy, Default, PartialEq)]
@@ -126,6 +133,31 @@ impl TraceState {
         self.missing.expected.is_empty() && self.is_warm
     }
 
+    /// The variant that traces rays of the last frame again; `None` until it is compiled.
+    pub(super) fn kept_rays(&self, settings: &ClampedSettings, (pipelines, cache): Compiled) -> Option<Variant> {
+        let wanted = kept_rays(self.features, settings);
+        let fit = pipelines.best(cache, &wanted, Features::HARMLESS)?;
+        Some(variant(KEPT_RAYS, fit.features))
+    }
+
+    /// Counts the frames in which the scene changes. Returns whether that lasts.
+    fn count_changes(&mut self, version: u32) -> bool {
+        let (before, count) = self.scene;
+        let lasts = count >= LASTING_CHANGES;
+        let changed = before != version;
+        self.scene = (
+            version,
+            if lasts {
+                count
+            } else if changed {
+                count + 1
+            } else {
+                0
+            },
+        );
+        lasts
+    }
+
     /// The pipeline of the raw Vulkan pass, which works for any scene.
     pub(crate) fn vrs_request(&self, pipelines: &Pipelines, scene: &SceneBindings) -> PipelineRequest {
         let features = Features::MASKED | Features::DEEP_TREES | (Features::OF_VRS & scene.possible_features());
@@ -145,6 +177,13 @@ fn plan(features: Features, demand: Demand, (pipelines, cache): Compiled) -> Opt
     })
 }
 
+fn kept_rays(features: Features, settings: &ClampedSettings) -> Variant {
+    variant(
+        KEPT_RAYS,
+        features_of(KEPT_RAYS, features | Features::asked_by(settings)),
+    )
+}
+
 fn variant(pass: &'static Pass, features: Features) -> Variant {
     pass.variant(features, Options::empty())
 }
@@ -162,6 +201,7 @@ impl FromWorld for TraceState {
             warm: Features::empty(),
             is_warm: true,
             missing: Missing::default(),
+            scene: (0, 0),
         }
     }
 }
@@ -242,6 +282,10 @@ pub(crate) fn request_trace_passes(
         for features in all.into_iter().flatten() {
             pipelines.want(&cache, state.variants(*demand, features));
         }
+    }
+    if state.count_changes(scene.version.all) {
+        let following = views.iter().filter(|view| view.settings.follows_light());
+        pipelines.want(&cache, following.map(|view| kept_rays(state.features, &view.settings)));
     }
     state.warm_up(&demands, &mut pipelines, &cache);
     let missing = state.missing(state.features, &demands, (&pipelines, &cache));

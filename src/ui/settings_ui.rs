@@ -358,6 +358,15 @@ fn denoiser(ui: &mut Ui, denoiser: &mut ReflectionDenoiser, reason: Option<&str>
     );
     flag(
         ui,
+        temporal(
+            "Follow light changes",
+            tooltip!(ReflectionDenoiser.follow_light_changes),
+        ),
+        &mut denoiser.follow_light_changes,
+        default.follow_light_changes,
+    );
+    flag(
+        ui,
         row("Half resolution", tooltip!(ReflectionDenoiser.half_resolution)),
         &mut denoiser.half_resolution,
         default.half_resolution,

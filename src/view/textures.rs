@@ -15,6 +15,10 @@ use bevy::{
     render::{render_resource::UniformBuffer, renderer::RenderDevice},
 };
 
+/// Frames for which histories stay short after a change, so that nothing of the former light is left. A higher number costs time; with a
+/// lower one, the last frames of a change stay for as long as a history is.
+const LIGHT_FRAMES: u32 = 4;
+
 /// A view's textures, uniform and state from the last frame.
 #[derive(Component)]
 pub struct ReflectionTextures {
@@ -39,6 +43,8 @@ pub struct ReflectionTextures {
     drawn: u32,
     /// ... and its [`Frame::world_origin`].
     world_origin: DVec3,
+    /// Frames in which rays of the last frame are traced again, counting this one: the scene changed lately.
+    light_frames: u32,
     /// This view is static in this frame, at least partly.
     pub(crate) is_at_rest: bool,
     static_view: StaticView<ViewFingerprint>,
@@ -67,6 +73,7 @@ impl ReflectionTextures {
             replaced: None,
             drawn: 0,
             world_origin: DVec3::ZERO,
+            light_frames: 0,
             is_at_rest: false,
             static_view: StaticView::default(),
         }
@@ -104,6 +111,11 @@ impl ReflectionTextures {
             Some(last) if is_same => last.shift(frame),
             _ => self.static_view = StaticView::default(),
         }
+    }
+
+    /// Returns whether rays of the last frame are traced again in this frame.
+    pub(crate) fn follows_light(&self) -> bool {
+        self.light_frames > 0
     }
 
     /// Returns whether the frame before this one was drawn.
@@ -180,10 +192,18 @@ impl ReflectionTextures {
             previous.clip_from_world != frame.clip_from_world || previous.world_position != frame.world_position
         };
         let is_elsewhere = !self.is_of_last_frame(frame) && self.previous.as_ref().is_some_and(has_moved);
+        self.light_frames = if !self.targets.needs.light_changes {
+            0
+        } else if scene_changed {
+            LIGHT_FRAMES
+        } else {
+            self.light_frames.saturating_sub(1)
+        };
         let state = FrameState {
             sample_index: self.sample_index,
             accumulated: self.accumulated,
             static_frames: if converged { 0 } else { static_frames },
+            follows_light: self.follows_light(),
             is_cut: self.accumulated > 0 && !frame.follows_own_motion && (self.replaced.is_some() || is_elsewhere),
             previous: self.previous.replace(now).unwrap_or(now),
         };

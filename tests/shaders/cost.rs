@@ -52,6 +52,7 @@ trace/shade LIGHTMAPS
 trace/converged
 trace/converged BOUNCES
 trace/inline
+trace/kept_rays KEPT_RAYS
 front_layer/find FRONT_LAYER";
 
 /// All others, and passes for scenes with rare features.
@@ -128,12 +129,14 @@ denoise/reconstruct WIDE REST
 denoise/temporal
 denoise/temporal REST
 denoise/temporal HIT_MOTION
+denoise/temporal LIGHT_CHANGES
 denoise/one_pass
 denoise/one_pass REST
 denoise/one_pass HIT_MOTION
 denoise/one_pass WIDE
 denoise/one_pass WIDE REST
 denoise/one_pass WIDE HIT_MOTION
+denoise/one_pass WIDE HIT_MOTION LIGHT_CHANGES
 composite/resolve
 composite/resolve IN_PLACE
 composite/resolve IN_PLACE TILES

@@ -317,7 +317,7 @@ fn rounding_keeps_the_mean() {
 const FILTERS: &str = "
 import package::denoise::filters::{
     blur_radius, clip_to_box, expected_spread, firefly_limit, frame_share, frame_variance, hit_confidence,
-    is_neighbour, is_same_surface, likely_history, longest_history, mean_variance, moving_age, noise_part, pack_frame_weight,
+    is_neighbour, is_same_surface, likely_history, longest_changing_history, longest_history, mean_variance, moving_age, noise_part, pack_frame_weight,
     pack_surface, rest_firefly, rest_history, rest_of, rgb_of_ycocg, same_roughness, settled_of, unpack_frame_weight, unpack_surface,
     virtual_distance, virtual_share, ycocg,
 };
@@ -361,7 +361,8 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
             image_angle(0.002, 10.0 * b.x, 0.01 + 10.0 * b.y, d.x > 0.5), reconnection_jacobian((0.01 + a.z) * (0.01 + a.z), 1.0 / b.z)),
         vec4(place_weight(8.0 * a.x, 1.0), place_weight(32.0 * a.x, place_width(0.5 + 3.0 * a.y, b.z, 0.05 + b.x, settled_of(u32(80.0 * b.w)))), normal_weight(0.7 + 0.3 * a.z, 0.1 + a.w),
             select(0.0, 1.0, is_sharp(b.x, 0.1 * b.y, 8.0 * b.z))),
-        vec4(frame_variance(a.x, 4.0 * a.y, a.w, d.z, b.x), noise_part(d.x), 0.0, 0.0),
+        vec4(frame_variance(a.x, 4.0 * a.y, a.w, d.z, b.x), noise_part(d.x), longest_changing_history(a.w, 0.2 * a.x, 32.0 * a.y),
+            longest_changing_history(0.01 * a.w, 0.0, 32.0)),
     );
 }
 ";
@@ -426,8 +427,8 @@ fn filters_twin([a, b, c, d]: [Vec4; 4]) -> [Vec4; 13] {
         vec4(
             frame_variance(a.x, 4.0 * a.y, a.w, d.z, b.x),
             (5.0 * d.x).min(1.0),
-            0.0,
-            0.0,
+            longest_changing_history(a.w, 0.2 * a.x, 32.0 * a.y),
+            longest_changing_history(0.01 * a.w, 0.0, 32.0),
         ),
     ]
 }

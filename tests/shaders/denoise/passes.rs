@@ -1,6 +1,9 @@
 //! The denoiser's passes on a wall, on a GPU or a CPU driver.
 
-use super::wall::{History, Ray, Reconstructed, VIRTUAL_HISTORY, Wall, distance_bits, half, unhalf};
+use super::{
+    reference::longest_changing_history,
+    wall::{History, LIGHT_CHANGES, Ray, Reconstructed, VIRTUAL_HISTORY, Wall, distance_bits, half, unhalf},
+};
 use crate::{
     gpu::Gpu,
     sampling::reference::{
@@ -301,6 +304,36 @@ fn history_grows_on_what_stays() {
             "frame {frame}"
         );
         assert!((mean(&history) - 1.0).abs() < 0.01, "frame {frame}: {}", mean(&history));
+    }
+}
+
+/// Half of the wall shows light that changes by a tenth per frame, and has little noise.
+#[test]
+fn histories_of_light_that_changes_are_short() {
+    let Some((gpu, mut shaders)) = gpu() else { return };
+    for flag in [0, LIGHT_CHANGES] {
+        let mut wall = Wall {
+            flags: VIRTUAL_HISTORY | flag,
+            light_change: |column| if column < 3 { 0.0 } else { 0.1 },
+            ..Wall::new(uvec2(96, 40))
+        };
+        let mut history = wall.no_history();
+        for frame in 0..6 {
+            wall.accumulated = frame;
+            history = wall.accumulate(gpu, &mut shaders, &image(&wall, 1.0, frame), &history);
+        }
+        let lengths = lengths(&history);
+        // Cells count up to one and a half cells away.
+        let (still, changing) = (lengths[0], lengths[95]);
+        assert!((still - 6.0).abs() < 0.01, "{still}");
+        let expected = if flag == 0 {
+            6.0
+        } else {
+            longest_changing_history(0.0, 0.1, 32.0)
+        };
+        assert!((changing - expected).abs() < 0.05, "{changing}, not {expected}");
+        // Lengths are rounded at random.
+        assert!(lengths[..96].is_sorted_by(|a, b| *a > b - 0.01), "{:?}", &lengths[..96]);
     }
 }
 

@@ -131,6 +131,12 @@ pub fn frame_variance(deviation: f32, shown: f32, known: f32, own: f32, square: 
     (deviation / shown).min(4.0 * known + 0.01 + own * square / shown)
 }
 
+pub fn longest_changing_history(variance: f32, change: f32, limit: f32) -> f32 {
+    let square = (change * change).max(1e-12);
+    let noise = (variance - square / (FAST_SHARE * FAST_SHARE)).max(0.01);
+    (2.0 * noise / square).cbrt().clamp(limit.min(1.0), limit)
+}
+
 pub struct Likely {
     pub middle: Vec3,
     pub extent: Vec3,

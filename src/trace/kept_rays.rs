@@ -1,0 +1,36 @@
+//! Rays of the last frame that are traced again, for the light that changes.
+
+use super::blocks::RAYS;
+use crate::{
+    gbuffer::{Binding, PassContext},
+    pipelines::{Options, Pass, Pipelines, Variant},
+    scene::Passes,
+    targets::RADIANCE_FORMAT,
+};
+use bevy::render::renderer::RenderContext;
+
+/// The pass over all cells.
+pub(crate) const KEPT_RAYS: &Pass = &Pass {
+    label: "glint_trace_kept_rays",
+    shader: "trace/kept_rays.wesl",
+    sees: Passes::INLINE,
+    options: Options::KEPT_RAYS,
+    bindings: || {
+        vec![
+            Binding::floats(|context| Some(context.albedo_table)),
+            Binding::written_words(12, |context| Some(&context.images()?.light_changes.as_ref()?.rays)),
+            Binding::written(RADIANCE_FORMAT, |context| {
+                Some(&context.images()?.light_changes.as_ref()?.changes)
+            }),
+        ]
+    },
+    ..*RAYS
+};
+
+/// Traces a ray or two for each cell.
+pub(super) fn trace_kept_rays(ctx: &mut RenderContext, pipelines: &Pipelines, variant: Variant, context: &PassContext) {
+    let cells = context.targets().sizes.cells();
+    if let Some(mut compute) = pipelines.begin(ctx, context, [variant], &[]) {
+        compute.dispatch_workgroups(cells.x.div_ceil(8), cells.y.div_ceil(8), 1);
+    }
+}
