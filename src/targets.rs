@@ -43,7 +43,7 @@ pub const REFLECTION_FORMAT: TextureFormat = TextureFormat::Rgba16Float;
 /// The frame for rays that reuse it: exposed light, and the distance from the viewer in metres (at most 60,000; 0 is the sky).
 pub const SCREEN_FORMAT: TextureFormat = TextureFormat::Rgba16Float;
 
-/// Pixels of a cell of [`LightChangeTargets`] in each direction: `CELL_LOG2` of `trace/kept_rays.wesl`.
+/// Pixels of a cell of [`LightChangeTargets`] in each direction, as in `trace/kept_rays.wesl` and `denoise/light_change.wesl`.
 const CELL: u32 = 16;
 /// Bytes of a ray in [`LightChangeTargets::rays`].
 const KEPT_RAY_BYTES: u64 = 48;
@@ -178,7 +178,7 @@ pub struct PipelineTargets {
     pub mirrors: Option<(TextureView, TextureView)>,
     /// Textures that outlive the frame; absent without temporal accumulation.
     pub history: Option<HistoryTargets>,
-    /// Absent without [`ReflectionDenoiser::follow_light_changes`](crate::ReflectionDenoiser::light_changes).
+    /// Absent without [`ReflectionDenoiser::follow_light_changes`](crate::ReflectionDenoiser::follow_light_changes).
     pub light_changes: Option<LightChangeTargets>,
 }
 
@@ -454,5 +454,18 @@ impl Targets {
             screen,
             pipeline,
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn shaders_have_the_same_cells() {
+        let kept = include_str!("trace/kept_rays.wesl");
+        assert!(kept.contains(&format!("const CELL_LOG2: u32 = {}u;", CELL.ilog2())));
+        let read = include_str!("denoise/light_change.wesl");
+        assert!(read.contains(&format!("const CELL: u32 = {CELL}u;")));
     }
 }

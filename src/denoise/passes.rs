@@ -35,10 +35,6 @@ fn variant(pass: &'static Pass, settings: &ClampedSettings, rest: bool) -> Varia
         pass != TEMPORAL && settings.technique.trace_scale() > settings.texel(),
     );
     options.set(Options::REST, rest);
-    options.set(
-        Options::LIGHT_CHANGES,
-        pass != RECONSTRUCT && !rest && settings.follows_light(),
-    );
     pass.variant(Features::empty(), options)
 }
 
@@ -46,6 +42,13 @@ fn variant(pass: &'static Pass, settings: &ClampedSettings, rest: bool) -> Varia
 fn following(mut variant: Variant) -> Variant {
     let follows = variant.pass != RECONSTRUCT && !variant.options.contains(Options::REST);
     variant.options.set(Options::HIT_MOTION, follows);
+    variant
+}
+
+/// The variant that shortens histories of light that changes, as above.
+fn following_light(mut variant: Variant) -> Variant {
+    let follows = variant.pass != RECONSTRUCT && !variant.options.contains(Options::REST);
+    variant.options.set(Options::LIGHT_CHANGES, follows);
     variant
 }
 
@@ -62,7 +65,11 @@ pub(crate) fn variants(settings: &ClampedSettings, knows_motions: bool) -> impl 
         passes.flat_map(move |pass| {
             let variant = variant(pass, settings, rest);
             let following = knows_motions.then(|| following(variant.clone()));
-            [Some(variant), following].into_iter().flatten()
+            let all = [Some(variant), following].into_iter().flatten();
+            all.flat_map(|variant| {
+                let light = settings.follows_light().then(|| following_light(variant.clone()));
+                [Some(variant), light].into_iter().flatten()
+            })
         })
     })
 }
@@ -73,11 +80,12 @@ pub(crate) fn needed(settings: &ClampedSettings) -> impl Iterator<Item = Variant
     passes.map(|pass| variant(pass, settings, true))
 }
 
-/// Denoises the rays of one view.
+/// Denoises the rays of one view. `follows_light` is true if rays of earlier frames were traced again.
 pub(crate) fn denoise(
     ctx: &mut RenderContext,
     pipelines: &Pipelines,
     context: &PassContext,
+    follows_light: bool,
     diagnostics: Option<&DiagnosticsRecorder>,
 ) {
     let temporal = context.history().is_some();
@@ -96,7 +104,9 @@ pub(crate) fn denoise(
         } else {
             TILE_DISPATCH
         };
-        let variants = [following, Some(variant), Some(stand_in)].into_iter().flatten();
+        let best = [following, Some(variant)].into_iter().flatten();
+        let light = best.clone().filter(|_| follows_light).map(following_light);
+        let variants = light.chain(best).chain([stand_in]);
         if let Some(mut pass) = pipelines.begin(ctx, context, variants, &[]) {
             pass.dispatch_workgroups_indirect(&context.targets().indirect_args, word_offset(dispatch));
         }

@@ -81,6 +81,11 @@ impl Failure {
         library: "ray-traced reflections stay off, since their shader failed",
         own: "the shader of `ReflectedSurfaceShader` failed, so that reflections show materials without it",
     };
+    pub const KEPT_RAYS: Self = Self {
+        library: "reflected light that changes lags behind, since the shader for `follow_light_changes` failed",
+        // The passes that trace all rays say so.
+        own: "",
+    };
     pub const DENOISER: Self = Self {
         library: "a denoiser of ray-traced reflections failed; cameras that need it get simpler reflections, or none",
         own: "",
@@ -139,7 +144,7 @@ bitflags! {
         const ONE_TLAS = 1 << 19;
         /// The denoiser stores one pixel of each quad of 2x2 pixels.
         const HALF_RESOLUTION = 1 << 20;
-        /// Traces rays of the last frame with their random numbers ...
+        /// Traces rays of earlier frames with their random numbers ...
         const KEPT_RAYS = 1 << 21;
         /// ... and shortens histories where their light has changed.
         const LIGHT_CHANGES = 1 << 22;

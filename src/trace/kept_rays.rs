@@ -1,9 +1,9 @@
-//! Rays of the last frame that are traced again, for the light that changes.
+//! Rays of earlier frames that are traced again, for the light that changes.
 
 use super::blocks::RAYS;
 use crate::{
     gbuffer::{Binding, PassContext},
-    pipelines::{Options, Pass, Pipelines, Variant},
+    pipelines::{Failure, Options, Pass, Pipelines, Variant},
     scene::Passes,
     targets::RADIANCE_FORMAT,
 };
@@ -15,6 +15,7 @@ pub(crate) const KEPT_RAYS: &Pass = &Pass {
     shader: "trace/kept_rays.wesl",
     sees: Passes::INLINE,
     options: Options::KEPT_RAYS,
+    failure: Failure::KEPT_RAYS,
     bindings: || {
         vec![
             Binding::floats(|context| Some(context.albedo_table)),
@@ -27,10 +28,17 @@ pub(crate) const KEPT_RAYS: &Pass = &Pass {
     ..*RAYS
 };
 
-/// Traces a ray or two for each cell.
-pub(super) fn trace_kept_rays(ctx: &mut RenderContext, pipelines: &Pipelines, variant: Variant, context: &PassContext) {
+/// Traces a ray for each cell. Returns false if the shader isn't compiled yet.
+pub(super) fn trace_cells(
+    ctx: &mut RenderContext,
+    pipelines: &Pipelines,
+    variant: Variant,
+    context: &PassContext,
+) -> bool {
     let cells = context.targets().sizes.cells();
-    if let Some(mut compute) = pipelines.begin(ctx, context, [variant], &[]) {
-        compute.dispatch_workgroups(cells.x.div_ceil(8), cells.y.div_ceil(8), 1);
-    }
+    let Some(mut compute) = pipelines.begin(ctx, context, [variant], &[]) else {
+        return false;
+    };
+    compute.dispatch_workgroups(cells.x.div_ceil(8), cells.y.div_ceil(8), 1);
+    true
 }

@@ -4,7 +4,7 @@
 //! |---|---|
 //! | `passes.rs` | the passes that trace the rays of a view |
 //! | `blocks`, `inline`, `converged`, `vrs` | the passes: bindings in Rust, work in WESL |
-//! | `kept_rays` | a few rays of the last frame, traced again to see changes of the light |
+//! | `kept_rays` | a few rays of earlier frames, traced again to see changes of the light |
 //! | `state.rs`, `variant.rs` | the features that they are compiled for |
 //! | `plan.rs` | which of them run, in which variants, while others are compiled |
 //! | `resources.rs` | their inputs from the render world |
@@ -48,7 +48,7 @@ pub(crate) use converged::CONVERGED;
 pub(crate) use fallback::{Fallbacks, choose};
 pub(crate) use inline::INLINE;
 pub(crate) use kept_rays::KEPT_RAYS;
-pub(crate) use passes::trace_rays;
+pub(crate) use passes::{trace_kept_rays, trace_rays};
 pub(crate) use state::request_trace_passes;
 
 use crate::{device::tracing_app, schedule::ReflectionSystems};

@@ -4,7 +4,7 @@ use super::{
     blocks::{MIRRORS, RAYS, SHADING_AND_MIRRORS, run_list},
     converged::{CONVERGED, trace_converged},
     inline::{INLINE, trace_inline},
-    kept_rays::trace_kept_rays,
+    kept_rays::trace_cells,
     state::TraceState,
     variant::{Demand, RayPass},
     vrs::VrsPass,
@@ -17,6 +17,19 @@ use crate::{
     settings::ReflectionBackend,
 };
 use bevy::render::renderer::RenderContext;
+
+/// Traces kept rays of a view again, while the scene changes. Returns false if there is nothing to trace, or no shader yet.
+pub(crate) fn trace_kept_rays(
+    ctx: &mut RenderContext,
+    (pipelines, state): (&Pipelines, &TraceState),
+    context: &PassContext,
+) -> bool {
+    let wanted = context.textures.follows_light();
+    let variant = wanted.then(|| state.kept_rays(&context.view.settings, (pipelines, context.cache)));
+    variant
+        .flatten()
+        .is_some_and(|variant| trace_cells(ctx, pipelines, variant, context))
+}
 
 /// Traces the rays of one view. Returns whether rays count recent changes that they hit. Passes for later bounces and for many lights
 /// don't count changes, and lights on hits that aren't shaded aren't counted either.
@@ -37,11 +50,6 @@ pub(crate) fn trace_rays(
         && context.view.settings.backend == ReflectionBackend::HardwareVrs
         && !wanted.intersects(Features::LIGHT_SAMPLING | Features::SURFACE_SHADER)
         && vrs.trace(ctx, pipelines, context);
-    if context.textures.follows_light()
-        && let Some(variant) = state.kept_rays(&context.view.settings, (pipelines, context.cache))
-    {
-        trace_kept_rays(ctx, pipelines, variant, context);
-    }
     let mut watches = false;
     for (pass, features) in plan.steps() {
         let variant = pass.variant(features, Options::empty());

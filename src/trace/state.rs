@@ -57,13 +57,15 @@ pub struct TraceState {
     /// Shaders with these features are compiled.
     is_warm: bool,
     missing: Missing,
-    /// Version of the scene in the last frame, and the number of frames since then in which it changed.
-    scene: (u32, u32),
+    /// Version of the scene in the last frame.
+    scene: u32,
+    /// Number of frames in which it changed, up to [`SOME_CHANGES`].
+    changes: u32,
 }
 
-/// Frames in a row in which the scene changes before rays are kept: their shader isn't compiled for scenes that only load. A higher number
+/// Number of changes of the scene before rays are kept: their shader isn't compiled for scenes that appear at once and stay. A higher number
 /// lets the first changes lag behind.
-const LASTING_CHANGES: u32 = 8;
+const SOME_CHANGES: u32 = 8;
 
 /// Features that the passes of views lack.
 #[derive(Clone, Copy, Default, PartialEq)]
@@ -133,29 +135,18 @@ impl TraceState {
         self.missing.expected.is_empty() && self.is_warm
     }
 
-    /// The variant that traces rays of the last frame again; `None` until it is compiled.
+    /// The variant that traces rays of earlier frames again; `None` until it is compiled.
     pub(super) fn kept_rays(&self, settings: &ClampedSettings, (pipelines, cache): Compiled) -> Option<Variant> {
         let wanted = kept_rays(self.features, settings);
         let fit = pipelines.best(cache, &wanted, Features::HARMLESS)?;
         Some(variant(KEPT_RAYS, fit.features))
     }
 
-    /// Counts the frames in which the scene changes. Returns whether that lasts.
+    /// Counts the frames in which the scene changes. Returns whether there were some.
     fn count_changes(&mut self, version: u32) -> bool {
-        let (before, count) = self.scene;
-        let lasts = count >= LASTING_CHANGES;
-        let changed = before != version;
-        self.scene = (
-            version,
-            if lasts {
-                count
-            } else if changed {
-                count + 1
-            } else {
-                0
-            },
-        );
-        lasts
+        let changed = core::mem::replace(&mut self.scene, version) != version;
+        self.changes = (self.changes + u32::from(changed)).min(SOME_CHANGES);
+        self.changes == SOME_CHANGES
     }
 
     /// The pipeline of the raw Vulkan pass, which works for any scene.
@@ -201,7 +192,8 @@ impl FromWorld for TraceState {
             warm: Features::empty(),
             is_warm: true,
             missing: Missing::default(),
-            scene: (0, 0),
+            scene: 0,
+            changes: 0,
         }
     }
 }
@@ -284,8 +276,11 @@ pub(crate) fn request_trace_passes(
         }
     }
     if state.count_changes(scene.version.all) {
-        let following = views.iter().filter(|view| view.settings.follows_light());
-        pipelines.want(&cache, following.map(|view| kept_rays(state.features, &view.settings)));
+        let library = state.features - Features::SURFACE_SHADER;
+        for view in views.iter().filter(|view| view.settings.follows_light()) {
+            let all = [library, state.features];
+            pipelines.want(&cache, all.map(|features| kept_rays(features, &view.settings)));
+        }
     }
     state.warm_up(&demands, &mut pipelines, &cache);
     let missing = state.missing(state.features, &demands, (&pipelines, &cache));

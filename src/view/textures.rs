@@ -43,8 +43,10 @@ pub struct ReflectionTextures {
     drawn: u32,
     /// ... and its [`Frame::world_origin`].
     world_origin: DVec3,
-    /// Frames in which rays of the last frame are traced again, counting this one: the scene changed lately.
+    /// Frames in which rays of earlier frames are traced again, counting this one: the scene changed lately.
     light_frames: u32,
+    /// [`Frame::world_origin`] of the last of them.
+    light_origin: DVec3,
     /// This view is static in this frame, at least partly.
     pub(crate) is_at_rest: bool,
     static_view: StaticView<ViewFingerprint>,
@@ -74,6 +76,7 @@ impl ReflectionTextures {
             drawn: 0,
             world_origin: DVec3::ZERO,
             light_frames: 0,
+            light_origin: DVec3::ZERO,
             is_at_rest: false,
             static_view: StaticView::default(),
         }
@@ -113,9 +116,9 @@ impl ReflectionTextures {
         }
     }
 
-    /// Returns whether rays of the last frame are traced again in this frame.
+    /// Returns whether rays of earlier frames are traced again in this frame. A view at rest doesn't see the change.
     pub(crate) fn follows_light(&self) -> bool {
-        self.light_frames > 0
+        self.light_frames > 0 && !self.is_at_rest
     }
 
     /// Returns whether the frame before this one was drawn.
@@ -199,16 +202,20 @@ impl ReflectionTextures {
         } else {
             self.light_frames.saturating_sub(1)
         };
+        let is_shifted = self.light_origin != frame.world_origin;
         let state = FrameState {
             sample_index: self.sample_index,
             accumulated: self.accumulated,
             static_frames: if converged { 0 } else { static_frames },
-            follows_light: self.follows_light(),
+            is_shifted,
             is_cut: self.accumulated > 0 && !frame.follows_own_motion && (self.replaced.is_some() || is_elsewhere),
             previous: self.previous.replace(now).unwrap_or(now),
         };
         self.drawn = frame.number;
         self.is_at_rest = state.is_at_rest();
+        if self.follows_light() {
+            self.light_origin = frame.world_origin;
+        }
         let (sizes, rate) = (self.targets.sizes, &view.rate.thresholds);
         self.origin = frame.origin;
         self.uniform

@@ -132,8 +132,8 @@ pub const VIEW_SCREEN_IS_NEW: u32 = 512;
 
 /// The history is another camera's, or from a frame of this camera to which Bevy's motion vectors don't lead.
 pub const VIEW_CAMERA_CUT: u32 = 2048;
-/// Rays of the last frame were traced again.
-pub const VIEW_LIGHT_CHANGES: u32 = 4096;
+/// The world was shifted since rays were last traced again.
+pub const VIEW_ORIGIN_SHIFTED: u32 = 4096;
 
 /// Frame in [`Targets::screen`](crate::targets::Targets::screen) for the rays of a view.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -208,8 +208,8 @@ pub(super) struct FrameState {
     pub accumulated: u32,
     pub static_frames: u32,
     pub previous: PreviousFrame,
-    /// Rays of the last frame are traced again.
-    pub follows_light: bool,
+    /// The world was shifted since rays were last traced again.
+    pub is_shifted: bool,
     /// Bevy's motion vectors don't lead to `previous`.
     pub is_cut: bool,
 }
@@ -317,7 +317,7 @@ impl GpuReflectionView {
                 | flags(settings, rate)
                 | screen_flags(settings, frame.screen, state)
                 | if state.is_cut { VIEW_CAMERA_CUT } else { 0 }
-                | if state.follows_light { VIEW_LIGHT_CHANGES } else { 0 },
+                | if state.is_shifted { VIEW_ORIGIN_SHIFTED } else { 0 },
             origin: frame.origin,
             gbuffer_origin: frame.gbuffer_origin,
             size: sizes.full,
@@ -440,7 +440,7 @@ mod tests {
             accumulated,
             static_frames,
             is_cut: false,
-            follows_light: false,
+            is_shifted: false,
             previous: PreviousFrame {
                 clip_from_world: Mat4::IDENTITY,
                 world_position: Vec3::ZERO,

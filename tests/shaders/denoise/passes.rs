@@ -2,7 +2,7 @@
 
 use super::{
     reference::longest_changing_history,
-    wall::{History, LIGHT_CHANGES, Ray, Reconstructed, VIRTUAL_HISTORY, Wall, distance_bits, half, unhalf},
+    wall::{History, Ray, Reconstructed, VIRTUAL_HISTORY, Wall, distance_bits, half, unhalf},
 };
 use crate::{
     gpu::Gpu,
@@ -311,10 +311,11 @@ fn history_grows_on_what_stays() {
 #[test]
 fn histories_of_light_that_changes_are_short() {
     let Some((gpu, mut shaders)) = gpu() else { return };
-    for flag in [0, LIGHT_CHANGES] {
+    let change: fn(u32) -> f32 = |column| if column < 3 { 0.0 } else { 0.1 };
+    for is_followed in [false, true] {
         let mut wall = Wall {
-            flags: VIRTUAL_HISTORY | flag,
-            light_change: |column| if column < 3 { 0.0 } else { 0.1 },
+            flags: VIRTUAL_HISTORY,
+            light_change: is_followed.then_some(change),
             ..Wall::new(uvec2(96, 40))
         };
         let mut history = wall.no_history();
@@ -326,10 +327,10 @@ fn histories_of_light_that_changes_are_short() {
         // Cells count up to one and a half cells away.
         let (still, changing) = (lengths[0], lengths[95]);
         assert!((still - 6.0).abs() < 0.01, "{still}");
-        let expected = if flag == 0 {
-            6.0
-        } else {
+        let expected = if is_followed {
             longest_changing_history(0.0, 0.1, 32.0)
+        } else {
+            6.0
         };
         assert!((changing - expected).abs() < 0.05, "{changing}, not {expected}");
         // Lengths are rounded at random.

@@ -13,7 +13,6 @@ use wgpu::TextureFormat;
 
 pub const VIRTUAL_HISTORY: u32 = 16;
 pub const SUPPRESS_FIREFLIES: u32 = 32;
-pub const LIGHT_CHANGES: u32 = 4096;
 pub const RATE_ACTIVE: u32 = 0x100;
 
 /// Writes the radiance that the composite shows in each pixel, before albedo.
@@ -50,8 +49,8 @@ pub struct Wall {
     pub lean: f32,
     pub samples: u32,
     pub flags: u32,
-    /// Change of the light per frame in each column of cells, relative to it. It is read with the flag [`LIGHT_CHANGES`].
-    pub light_change: fn(u32) -> f32,
+    /// Change of the light per frame in each column of cells, relative to it. Histories of light that doesn't change ignore it.
+    pub light_change: Option<fn(u32) -> f32>,
     pub frame: u32,
     /// Number of frames in the history.
     pub accumulated: u32,
@@ -148,7 +147,7 @@ impl Wall {
             lean: 0.5,
             samples: 8,
             flags: VIRTUAL_HISTORY | SUPPRESS_FIREFLIES,
-            light_change: |_| 0.0,
+            light_change: None,
             frame: 0,
             accumulated: 0,
             rest: 0,
@@ -406,7 +405,7 @@ impl Wall {
         pass.texture(16, TextureFormat::R32Uint, size, &before.pair);
         pass.texture(17, TextureFormat::Rg32Uint, size, &before.surface);
         let cells = self.size.map(|pixels| pixels.div_ceil(16));
-        let columns = (0..cells.x * cells.y).map(|cell| (self.light_change)(cell % cells.x));
+        let columns = (0..cells.x * cells.y).map(|cell| self.light_change.map_or(0.0, |change| change(cell % cells.x)));
         let changes: Vec<_> = columns.map(|change| [4.0 * change, 4.0, 0.0, 0.0].map(half)).collect();
         pass.texture(21, TextureFormat::Rgba16Float, cells, &changes);
         pass.output(18, TextureFormat::Rgba16Float, 2);
@@ -440,7 +439,7 @@ impl Wall {
 
     /// Definitions for static images: the passes for moving ones lack them.
     fn rest_defs(&self) -> &'static [&'static str] {
-        match (self.flags & LIGHT_CHANGES != 0, self.knows_rest) {
+        match (self.light_change.is_some(), self.knows_rest) {
             (true, _) => &["LIGHT_CHANGES"],
             (_, true) => &["REST"],
             _ => &[],
