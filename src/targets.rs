@@ -102,7 +102,7 @@ pub struct Needs {
     pub reconstructed: bool,
     pub reflection: bool,
     pub screen: bool,
-    /// Rays of the last frame are traced again.
+    /// Rays of earlier frames are traced again.
     pub light_changes: bool,
     /// A view can occupy a part of them: no textures are drawn into, and only a reprojected history outlives a frame.
     pub in_parts: bool,
@@ -182,7 +182,7 @@ pub struct PipelineTargets {
     pub light_changes: Option<LightChangeTargets>,
 }
 
-/// The rays that are traced again, and what they saw.
+/// Rays that are traced again, and the changes that they found.
 pub struct LightChangeTargets {
     /// One `KeptRay` of `trace/kept_rays.wesl` for each cell of pixels.
     pub rays: Buffer,

@@ -45,7 +45,7 @@ fn following(mut variant: Variant) -> Variant {
     variant
 }
 
-/// The variant that shortens histories of light that changes, as above.
+/// The variant that shortens histories of light that changes. It is the same in the same cases.
 fn following_light(mut variant: Variant) -> Variant {
     let follows = variant.pass != RECONSTRUCT && !variant.options.contains(Options::REST);
     variant.options.set(Options::LIGHT_CHANGES, follows);

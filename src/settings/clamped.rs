@@ -59,7 +59,7 @@ impl ClampedSettings {
         self.screen_traces != ScreenTraces::Off && can_reuse_screen(self.technique, self.backend)
     }
 
-    /// Returns whether rays of the last frame are traced again. The screen's light has the noise of its frame, which would count as a change.
+    /// Returns whether rays of earlier frames are traced again. The screen's light has the noise of its frame, which would count as a change.
     pub fn follows_light(&self) -> bool {
         self.denoiser.follow_light_changes
             && self.denoiser.temporal

@@ -33,9 +33,10 @@ pub struct ReflectionDenoiser {
     /// light as a moving one. Default: true. The paper has no such step.
     pub converge_static_views: bool,
     /// Shortens the history where the light of a reflection changes, such as that of a lamp that swings: a few extra rays are kept for some
-    /// frames and traced again, and show by how much. Without it, such light lags behind by some frames, and bright light leaves a trail. It
-    /// costs a ray for each 16x16 pixels, and at least the latency of one ray with its shadow rays, since so few rays can't hide it. It costs
-    /// nothing from the fourth frame after a change on. Changes of the environment or of fog alone aren't followed. It has no effect with [`ScreenTraces`](crate::ScreenTraces), without [`temporal`](Self::temporal), and on
+    /// frames and traced again, and show by how much. Without it, such light lags behind by some frames, and bright light leaves a trail.
+    /// It costs a ray for each 16x16 pixels, and at least the latency of one ray with its shadow rays, since so few rays can't hide it. It
+    /// costs nothing from the fourth frame after a change on. Changes of the environment or of fog alone aren't followed. It has no effect
+    /// with [`ScreenTraces`](crate::ScreenTraces), without [`temporal`](Self::temporal), and on
     /// [`Converged`](crate::ReflectionTechnique::Converged). Default: false. The paper has no such step.
     pub follow_light_changes: bool,
     /// Reconstructs, accumulates and stores one pixel of each quad of 2x2 pixels, and interpolates the others between those that show the
