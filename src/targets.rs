@@ -80,6 +80,11 @@ impl Sizes {
         self.tile * self.trace_scale
     }
 
+    /// Texels of the denoiser per tile in each direction, a power of two.
+    pub fn tile_texels(self) -> u32 {
+        self.tile_pixels() / self.texel
+    }
+
     /// Tiles of the view.
     pub fn tiles(self) -> UVec2 {
         (self.trace() + self.tile - 1) / self.tile
@@ -384,6 +389,19 @@ impl Targets {
         let kind = |sizes: Sizes| (sizes.trace_scale, sizes.texel, sizes.tile);
         let is_same_kind = self.needs == needs && kind(sizes) == kind(self.sizes);
         is_same_kind && (needs.in_parts || sizes == self.sizes)
+    }
+
+    /// Lets a frame read the history of other targets of the view, which were made for other settings, in place of the own textures of this
+    /// index, with the rates of its tiles. Returns the own ones; `None` if the frame can't read it.
+    pub fn read_history(&mut self, index: usize, other: &Self, other_index: usize) -> Option<HistoryHalf> {
+        let (sizes, theirs) = (self.sizes, other.sizes);
+        let is_alike = sizes.full == theirs.full || (self.needs.in_parts && other.needs.in_parts);
+        let has_history = self.needs.temporal && other.needs.temporal;
+        if sizes.texel != theirs.texel || !is_alike || !has_history {
+            return None;
+        }
+        let own = self.pipeline.as_mut()?;
+        Some(own.replace_half(index, other.pipeline.as_ref()?.half(other_index)))
     }
 
     /// For a view that can grow to `capacity` pixels later, if it can occupy a part of them.

@@ -82,7 +82,7 @@ impl Plugin for FrontLayerPlugin {
                     prepare_front_layers
                         .after(PreparedViews)
                         .in_set(ReflectionSystems::PrepareViews),
-                    drop_unused_groups.in_set(RenderSystems::Cleanup),
+                    end_frame.in_set(RenderSystems::Cleanup),
                 ),
             )
             .add_systems(
@@ -101,6 +101,6 @@ impl Plugin for FrontLayerPlugin {
     }
 }
 
-fn drop_unused_groups(layers: Query<&FrontLayer>) {
-    layers.iter().for_each(|layer| layer.textures.groups.drop_unused());
+fn end_frame(mut layers: Query<&mut FrontLayer>) {
+    layers.iter_mut().for_each(|mut layer| layer.textures.end_frame());
 }

@@ -55,7 +55,7 @@ pub struct FrontLayer {
 }
 
 impl FrontLayer {
-    /// `old` is the layer of the view in another size or for other settings, whose sample sequence it continues.
+    /// `old` is the layer of the view in another size or for other settings, whose history it continues.
     fn new(
         device: &RenderDevice,
         view: &ReflectionView,
@@ -75,7 +75,7 @@ impl FrontLayer {
             gpu_rects: UniformBuffer::default(),
             // There is nothing to overwrite in new textures.
             is_found: AtomicBool::new(true),
-            is_new: true,
+            is_new: old.is_none_or(|old| old.is_new),
             unused: Duration::ZERO,
         }
     }

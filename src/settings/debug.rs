@@ -21,8 +21,7 @@ use bevy::{
 ///
 /// Views show the textures *of this frame*. Radiance is exposed, as in Bevy's HDR frames.
 ///
-/// `HitDistance`, `RayWeight` and `NonFinite` run reconstruction and accumulation as two passes, to show the data between them. Switching
-/// them on or off restarts the history.
+/// `HitDistance`, `RayWeight` and `NonFinite` run reconstruction and accumulation as two passes, to show the data between them.
 #[derive(Component, Reflect, Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 #[reflect(Component, Default, Debug, Clone, PartialEq)]
 #[non_exhaustive]

@@ -218,7 +218,7 @@ pub enum ScreenTraces {
     ///
     /// Static views shade every hit, so that they converge to the ray-traced scene: effects that only the frame has disappear once a view
     /// is static. To keep them in still images, switch [`converge_static_views`](ReflectionDenoiser::converge_static_views) off. On opaque
-    /// surfaces, the first frame after a [`reset`](RayTracedReflections::reset) shades every hit.
+    /// surfaces, the first frame after a [`reset`](RayTracedReflections::reset), or with another technique, shades every hit.
     /// [`Converged`](ReflectionTechnique::Converged), [`QuarterInline`](ReflectionTechnique::QuarterInline) and
     /// [`HardwareVrs`](ReflectionBackend::HardwareVrs) always do.
     ///
@@ -237,8 +237,8 @@ pub enum ScreenTraces {
     /// - Moving objects, including those that rays see, also appear at their position of the last frame.
     ///
     /// Views with it are never static, because changes of such surfaces can't be detected: they converge no further than views in motion.
-    /// The first frame after a [`reset`](RayTracedReflections::reset) shows none of these surfaces. `Converged`, `QuarterInline` and
-    /// `HardwareVrs` never show them.
+    /// The first frame after a [`reset`](RayTracedReflections::reset), or with another technique, shows none of these surfaces.
+    /// `Converged`, `QuarterInline` and `HardwareVrs` never show them.
     March,
 }
 

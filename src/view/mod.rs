@@ -64,8 +64,5 @@ impl Plugin for ViewPlugin {
 }
 
 fn end_frame(mut views: Query<&mut ReflectionTextures>) {
-    for mut textures in &mut views {
-        textures.groups.drop_unused();
-        textures.end_frame();
-    }
+    views.iter_mut().for_each(|mut textures| textures.end_frame());
 }

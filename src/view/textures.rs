@@ -37,8 +37,10 @@ pub struct ReflectionTextures {
     /// Frames in which a ray hit a changed object, plus changes whose visibility is unknown.
     met: [u32; 2],
     previous: Option<PreviousFrame>,
-    /// Own textures, while this frame reads another view's history in their place.
+    /// Own textures, while this frame reads another history in their place.
     replaced: Option<HistoryHalf>,
+    /// That history is another camera's.
+    is_borrowed: bool,
     /// [`Frame::number`] of the last frame ...
     drawn: u32,
     /// ... and its [`Frame::world_origin`].
@@ -53,15 +55,16 @@ pub struct ReflectionTextures {
 }
 
 impl ReflectionTextures {
-    /// `capacity` is their maximum size. `old` are the textures of the view in another size or for other settings. The sample sequence
-    /// continues from theirs: otherwise, a view that is resized in each frame would use the same sample forever.
+    /// `capacity` is their maximum size. `old` are the textures of the view in another size or for other settings. Their history is kept if
+    /// the first frame can read it, and the sample sequence continues from theirs: otherwise, a view that is resized in each frame would use
+    /// the same sample forever.
     pub(crate) fn new(
         device: &RenderDevice,
         (sizes, capacity): (Sizes, UVec2),
         needs: Needs,
         old: Option<&Self>,
     ) -> Self {
-        Self {
+        let mut textures = Self {
             origin: UVec2::ZERO,
             targets: Targets::new(device, sizes, capacity, needs),
             uniform: UniformBuffer::default(),
@@ -73,13 +76,31 @@ impl ReflectionTextures {
             met: [0; 2],
             previous: None,
             replaced: None,
+            is_borrowed: false,
             drawn: 0,
             world_origin: DVec3::ZERO,
             light_frames: 0,
             light_origin: DVec3::ZERO,
             is_at_rest: false,
             static_view: StaticView::default(),
+        };
+        if let Some(old) = old {
+            textures.continue_from(old);
         }
+        textures
+    }
+
+    /// In the next frame, reads the history of the same view's former textures in place of the own one.
+    fn continue_from(&mut self, old: &Self) {
+        let Some(replaced) = (self.targets).read_history(self.write_index, &old.targets, old.write_index) else {
+            return;
+        };
+        self.replaced = Some(replaced);
+        (self.previous, self.accumulated) = (old.previous, old.accumulated);
+        (self.scene, self.met) = (old.scene, old.met);
+        (self.drawn, self.world_origin) = (old.drawn, old.world_origin);
+        // New rays must be traced once before a change of their light is seen.
+        self.light_frames = LIGHT_FRAMES + 1;
     }
 
     /// Switches to another size of the view if it fits into the textures, which keeps the history. Returns whether it fits.
@@ -147,7 +168,9 @@ impl ReflectionTextures {
         };
         // A frame reads the textures that the last one wrote.
         let replaced = own.replace_half(self.write_index, theirs.half(other.write_index));
-        self.replaced = Some(replaced);
+        // New textures might already read the history of the former ones.
+        self.replaced.get_or_insert(replaced);
+        self.is_borrowed = true;
         self.previous = other.previous_in(frame);
         self.accumulated = other.accumulated;
         self.world_origin = frame.world_origin;
@@ -156,9 +179,11 @@ impl ReflectionTextures {
 
     /// Call after each frame.
     pub(crate) fn end_frame(&mut self) {
+        self.groups.drop_unused();
         if let (Some(replaced), Some(own)) = (self.replaced.take(), &mut self.targets.pipeline) {
             own.replace_half(1 - self.write_index, replaced);
         }
+        self.is_borrowed = false;
     }
 
     /// Advances the state by one frame and sets the uniform, which must still be written to the GPU.
@@ -190,6 +215,7 @@ impl ReflectionTextures {
             world_position: frame.world_position,
             exposure: frame.exposure,
             size: self.targets.sizes.full,
+            tile_log2: self.targets.sizes.tile_texels().ilog2(),
         };
         let has_moved = |previous: &PreviousFrame| {
             previous.clip_from_world != frame.clip_from_world || previous.world_position != frame.world_position
@@ -208,7 +234,8 @@ impl ReflectionTextures {
             accumulated: self.accumulated,
             static_frames: if converged { 0 } else { static_frames },
             is_shifted,
-            is_cut: self.accumulated > 0 && !frame.follows_own_motion && (self.replaced.is_some() || is_elsewhere),
+            is_cut: self.accumulated > 0 && !frame.follows_own_motion && (self.is_borrowed || is_elsewhere),
+            has_screen: self.replaced.is_none(),
             previous: self.previous.replace(now).unwrap_or(now),
         };
         self.drawn = frame.number;

@@ -101,6 +101,8 @@ pub struct GpuReflectionView {
     pub bounce_cutoff: f32,
     /// Seconds since the start of the app: Bevy's `globals.time`.
     pub seconds: f32,
+    /// Logarithm to base 2 of the texels per tile of the last frame in each direction.
+    pub previous_tile_log2: u32,
 }
 
 /// Screen-space ambient occlusion is bound.
@@ -212,6 +214,8 @@ pub(super) struct FrameState {
     pub is_shifted: bool,
     /// Bevy's motion vectors don't lead to `previous`.
     pub is_cut: bool,
+    /// The view's screen contains its last frame.
+    pub has_screen: bool,
 }
 
 /// Number of frames without a change after which clipping of the history begins to fade; `filters.wesl` has the same number.
@@ -233,6 +237,8 @@ pub(super) struct PreviousFrame {
     pub exposure: f32,
     /// Pixels.
     pub size: UVec2,
+    /// Logarithm to base 2 of the texels per tile in each direction.
+    pub tile_log2: u32,
 }
 
 /// Aim for the part by which unexposed light, such as emission, is too bright or dark in a history while the exposure changes steadily.
@@ -355,6 +361,7 @@ impl GpuReflectionView {
             max_bounces: settings.max_bounces,
             bounce_cutoff: settings.bounce_cutoff,
             seconds: frame.seconds,
+            previous_tile_log2: state.previous.tile_log2,
         }
     }
 }
@@ -379,7 +386,7 @@ fn screen_flags(settings: &ClampedSettings, screen: Screen, state: &FrameState) 
         return 0;
     }
     match screen {
-        Screen::Last if state.accumulated > 0 && !state.is_cut => VIEW_REUSES_SCREEN,
+        Screen::Last if state.accumulated > 0 && !state.is_cut && state.has_screen => VIEW_REUSES_SCREEN,
         Screen::This => VIEW_REUSES_SCREEN | VIEW_SCREEN_IS_NEW,
         Screen::Last => 0,
     }
@@ -440,12 +447,14 @@ mod tests {
             accumulated,
             static_frames,
             is_cut: false,
+            has_screen: true,
             is_shifted: false,
             previous: PreviousFrame {
                 clip_from_world: Mat4::IDENTITY,
                 world_position: Vec3::ZERO,
                 exposure: 1.0,
                 size: UVec2::ONE,
+                tile_log2: 4,
             },
         }
     }

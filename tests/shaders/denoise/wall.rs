@@ -488,6 +488,7 @@ impl Wall {
         uniform.set("tile_count", &self.tiles().to_array());
         uniform.set("trace_scale", &[self.trace_scale]);
         uniform.set("tile_size", &[16u32]);
+        uniform.set("previous_tile_log2", &[(16 * self.trace_scale).ilog2()]);
         uniform.set("exposure_ratio", &[1.0f32]);
         uniform.set("previous_clip_from_world", &self.clip_from_view().to_cols_array());
         uniform.set("samples", &[self.samples]);

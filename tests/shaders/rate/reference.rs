@@ -170,6 +170,7 @@ impl Case {
         uniform.set("tile_count", &self.tile_count().to_array());
         uniform.set("trace_scale", &[self.trace_scale]);
         uniform.set("tile_size", &[self.tile_size]);
+        uniform.set("previous_tile_log2", &[(self.tile_size * self.trace_scale).ilog2()]);
         self.set_thresholds(&mut uniform);
         if let Some(past) = &self.past {
             uniform.set("accumulated", &[past.frames]);

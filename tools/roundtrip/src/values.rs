@@ -65,6 +65,7 @@ impl Values {
             "corners" => EDGE,
             "count" => 1,
             "tile_size" => 16,
+            "previous_tile_log2" => (16 * EDGE / TRACED).ilog2(),
             "trace_scale" => EDGE / TRACED,
             "samples" => 8,
             "tlas_node_count" | "moving_count" => self.has_objects.into(),
