@@ -165,16 +165,17 @@ impl Scene<'_, '_> {
         let places = places.map(|(camera, view)| (camera, view.world_from_view.translation()));
         let steps = bindings.steps_of_cameras(places);
         let shift = bindings.find_shift(&moved, instances, &steps, self.announced.take());
-        bindings.note_shift(shift, moved.len());
+        bindings.note_shift(shift.as_ref(), moved.len());
+        let is_shifted = shift.is_some();
         let moving = match shift {
-            Some(by) => &bindings.shift_all(by, &moved, instances),
+            Some(shift) => &bindings.shift_all(shift, instances),
             None => &moved,
         };
         let change = bindings
             .move_instances(moving, instances, &mut dirty)
             .max(bindings.update_instances(&dirty, instances, &mut self.materials, &surroundings, meshes, queue))
             .max(bindings.update_posed(&poses.posed, instances, meshes));
-        let changed = change > Change::Nothing || shift.is_some();
+        let changed = change > Change::Nothing || is_shifted;
         bindings.instances.settle();
         bindings.instances.truncate(slots);
         bindings.instances.upload(device, queue);

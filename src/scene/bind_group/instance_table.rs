@@ -2,7 +2,7 @@
 
 use crate::scene::{
     acceleration::rows,
-    bvh::{Inverse, MAX_INSTANCES, invert},
+    bvh::{Inverse, MAX_INSTANCES, invert, move_inverse},
     change::{Change, RESTLESS_FRAMES},
     free_slots::shrink,
     gpu_types::{
@@ -260,19 +260,19 @@ impl InstanceTable {
         Some(self.mark_moving(slot, motion))
     }
 
-    /// Shifts an object with all others, which isn't a motion. Returns false if more than its matrices would change.
-    pub fn shift(&mut self, slot: u32, matrices: &Matrices) -> bool {
+    /// Shifts an object with all others, which isn't a motion. Only its translation changes, so nothing is inverted. Returns its rows from
+    /// world to object, or `None` if rays can't hit it or it is too far away.
+    pub fn shift(&mut self, slot: u32, now: &Affine3A) -> Option<&[[f32; 4]; 3]> {
         if !self.can_be_hit(slot) {
-            return false;
+            return None;
         }
         let data = &mut self.data[slot as usize];
-        if matrices.mirrored != (data.flags & INSTANCE_MIRRORED != 0) {
-            return false;
+        if !move_inverse(&mut data.object_from_world, now.translation) {
+            return None;
         }
-        data.world_from_object = matrices.world_from_object;
-        data.object_from_world = matrices.object_from_world;
+        data.world_from_object = bytemuck::cast(rows(now));
         self.changed.push(slot);
-        true
+        Some(&data.object_from_world)
     }
 
     /// Moves the last place of an object with the world, so that only its own movement is left. The object must get a new place in this
@@ -464,7 +464,8 @@ mod tests {
         }
         table.settle();
         // The first one is shifted by 64 m, the second one also moves by 1 m.
-        assert!(table.shift(0, &at(64.0)));
+        let place = Affine3A::from_translation(Vec3::X * 64.0);
+        assert_eq!(table.shift(0, &place), Some(&at(64.0).object_from_world));
         table.carry(1, Vec3A::X * 64.0);
         table.set_matrices(1, &at(65.0));
         table.settle();

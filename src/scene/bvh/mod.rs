@@ -42,7 +42,7 @@ pub use mask::{MaskSource, mask_header, masks, micromap_of};
 pub use merged::{MergeSource, Owners, build_merged, merge_bounds};
 pub use opacity::{AlphaTest, AlphaTexels, Micromap, OpacityBaker, Wrap};
 pub use stack::{LARGEST_STACK, USUAL_STACK};
-pub use tlas::{Inverse, Tlas, TlasInstance, build_tlas, build_tlas_of, invert, join, opening_budget};
+pub use tlas::{Inverse, Tlas, TlasInstance, build_tlas, build_tlas_of, invert, join, move_inverse, opening_budget};
 
 /// For tests and tools.
 #[cfg(any(test, feature = "internals"))]

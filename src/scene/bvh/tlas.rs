@@ -14,6 +14,8 @@ use std::collections::BinaryHeap;
 const FEW_ENTRIES: usize = 1024;
 /// Inverse matrices with larger entries lose all precision in `f32`.
 const MAX_INVERSE: f64 = 1e12;
+/// With larger offsets from world to object, sums of products with them would not be finite.
+const MAX_OFFSET: f64 = 1e18;
 
 /// Input of the TLAS: an object.
 #[derive(Clone, Copy, Debug)]
@@ -345,19 +347,40 @@ pub fn invert(matrix: &Affine3A) -> Option<Inverse> {
         return None;
     }
     let reciprocal = determinant.recip();
-    let (x_row, y_row, z_row) = (x_row * reciprocal, y_row * reciprocal, z_row * reciprocal);
-    let offset = -DVec3::new(x_row.dot(translation), y_row.dot(translation), z_row.dot(translation));
+    // Rounded before the offset is computed, so that it is right for these rows.
+    let round = |row: DVec3| (row * reciprocal).as_vec3().as_dvec3();
+    let (x_row, y_row, z_row) = (round(x_row), round(y_row), round(z_row));
     let largest = x_row.abs().max(y_row.abs()).max(z_row.abs()).max_element();
     // Maxima ignore NaN, sums don't.
-    let sum = (x_row + y_row + z_row + offset).element_sum();
-    if !(largest <= MAX_INVERSE && offset.abs().max_element() <= 1e18 && sum.is_finite()) {
+    if !(largest <= MAX_INVERSE && (x_row + y_row + z_row).element_sum().is_finite()) {
         return None;
     }
+    let offset = inverse_offset([x_row, y_row, z_row], translation)?;
     let row = |row: DVec3, offset: f64| [row.x as f32, row.y as f32, row.z as f32, offset as f32];
     Some(Inverse {
         rows: [row(x_row, offset.x), row(y_row, offset.y), row(z_row, offset.z)],
         mirrored: determinant < 0.0,
     })
+}
+
+/// The offset that takes `translation` to the origin.
+#[inline]
+fn inverse_offset([x_row, y_row, z_row]: [DVec3; 3], translation: DVec3) -> Option<DVec3> {
+    let offset = -DVec3::new(x_row.dot(translation), y_row.dot(translation), z_row.dot(translation));
+    (offset.abs().max_element() <= MAX_OFFSET && offset.element_sum().is_finite()).then_some(offset)
+}
+
+/// Follows a matrix of which only the translation changed, as [`invert`] would. Returns false and changes nothing if shaders couldn't use the
+/// inverse.
+#[inline]
+pub fn move_inverse(rows: &mut [[f32; 4]; 3], translation: Vec3A) -> bool {
+    let row = |row: [f32; 4]| DVec3::new(row[0].into(), row[1].into(), row[2].into());
+    let linear = [row(rows[0]), row(rows[1]), row(rows[2])];
+    let Some(offset) = inverse_offset(linear, translation.as_dvec3()) else {
+        return false;
+    };
+    (rows[0][3], rows[1][3], rows[2][3]) = (offset.x as f32, offset.y as f32, offset.z as f32);
+    true
 }
 
 /// Box around the transformed box, grown by the error that rounding in the ray's transform can cause.

@@ -2,12 +2,7 @@
 
 use crate::{
     device::ReflectionTracer,
-    scene::{
-        bind_group::{Matrices, SceneBindings},
-        change::Change,
-        instances::SceneInstances,
-        origin::is_step,
-    },
+    scene::{bind_group::SceneBindings, change::Change, instances::SceneInstances, origin::is_step},
 };
 use bevy::{
     ecs::entity::{Entity, EntityHashMap},
@@ -19,6 +14,16 @@ use bevy::{
 const OTHERS: usize = 10;
 /// Number of objects that suggest a vector. A higher number finds it among more objects that move on their own, and costs more.
 const SAMPLES: usize = 5;
+
+/// A shift of the whole world.
+pub(super) struct WorldShift {
+    pub by: Vec3A,
+    /// Slots of the objects that moved by this vector.
+    shifted: Vec<u32>,
+    /// Slots of the other objects that moved.
+    others: Vec<u32>,
+}
+
 /// Returns whether a camera that moves by `step` moves with the world: it can also walk in the same frame.
 pub(crate) fn moves_along(step: Vec3, world: Vec3) -> bool {
     step.distance_squared(world) < step.length_squared()
@@ -53,21 +58,24 @@ impl SceneBindings {
         steps
     }
 
-    /// The announced vector, if any object moved by it; otherwise the vector by which nearly all objects and a camera moved in this frame.
-    /// Objects that pass a camera just move.
+    /// A shift by the announced vector, if any object moved by it; otherwise by the vector by which nearly all objects and a camera moved in
+    /// this frame. Objects that pass a camera just move.
     pub(super) fn find_shift(
         &self,
         moved: &[u32],
         instances: &SceneInstances,
         cameras: &[Vec3],
         announced: Option<Vec3>,
-    ) -> Option<Vec3A> {
+    ) -> Option<WorldShift> {
         let places = |slot: u32| Some((self.instances.place(slot)?, &instances.get(slot)?.world_from_object));
-        let moved_by = |slot: u32, by: Vec3A| places(slot).is_some_and(|(before, now)| is_shifted(before, now, by));
-        if let Some(by) = announced.map(Vec3A::from)
-            && moved.iter().any(|&slot| moved_by(slot, by))
-        {
-            return Some(by);
+        let split = |by: Vec3A| {
+            let is_along = |slot: &u32| places(*slot).is_some_and(|(before, now)| is_shifted(before, now, by));
+            let (shifted, others) = moved.iter().partition(|slot| is_along(slot));
+            WorldShift { by, shifted, others }
+        };
+        let announced = announced.map(|by| split(by.into()));
+        if let Some(shift) = announced.filter(|shift| !shift.shifted.is_empty()) {
+            return Some(shift);
         }
         let enough = |count: usize| count > 1 && OTHERS * count >= (OTHERS - 1) * self.instances.present_count();
         if !enough(moved.len()) {
@@ -76,51 +84,51 @@ impl SceneBindings {
         let samples = moved.iter().step_by((moved.len() / SAMPLES).max(1)).take(SAMPLES);
         let samples: Vec<_> = samples.filter_map(|slot| places(*slot)).collect();
         let candidates = samples.iter().filter_map(|(before, now)| step(before, now));
-        candidates.into_iter().find(|&by| {
+        let probable = candidates.filter(|&by| {
             // In a crowd where everything moves on its own, no vector gets past the samples.
             let agreeing = samples.iter().filter(|(before, now)| is_shifted(before, now, by));
             let is_along = |step: &Vec3| moves_along(*step, Vec3::from(by));
-            2 * agreeing.count() > samples.len()
-                && cameras.iter().any(is_along)
-                && enough(moved.iter().filter(|slot| moved_by(**slot, by)).count())
-        })
+            2 * agreeing.count() > samples.len() && cameras.iter().any(is_along)
+        });
+        probable.map(split).find(|shift| enough(shift.shifted.len()))
     }
 
     /// Keeps the shift of this frame for lights and views. Mirrors show objects that stayed behind in another place.
-    pub(super) fn note_shift(&mut self, shift: Option<Vec3A>, moved: usize) {
+    pub(super) fn note_shift(&mut self, shift: Option<&WorldShift>, moved: usize) {
         if shift.is_some() && moved < self.instances.present_count() {
             self.version.note(Change::Unmarked);
         }
-        self.shift = shift.unwrap_or_default().into();
+        self.shift = shift.map(|shift| shift.by).unwrap_or_default().into();
         self.origin += self.shift.as_dvec3();
     }
 
-    /// Shifts all objects that moved by this vector. Returns the slots of the others.
-    pub(super) fn shift_all(&mut self, by: Vec3A, moved: &[u32], instances: &SceneInstances) -> Vec<u32> {
+    /// Shifts all objects that moved with the world. Returns the slots of the others.
+    pub(super) fn shift_all(&mut self, shift: WorldShift, instances: &SceneInstances) -> Vec<u32> {
+        let WorldShift {
+            by,
+            shifted,
+            mut others,
+        } = shift;
         let is_bvh = self.tracer == ReflectionTracer::Bvh;
         if is_bvh {
             self.merge.begin_shift();
         }
-        let others = moved.iter().copied().filter(|&slot| {
-            let now = instances.get(slot).map(|source| source.world_from_object);
-            let shifted = now.filter(|now| {
-                let before = self.instances.place(slot);
-                before.is_some_and(|before| is_shifted(before, now, by))
-            });
-            let matrices = shifted.as_ref().and_then(Matrices::of);
-            let (Some(now), Some(matrices)) = (shifted, matrices) else {
-                // Their own movement is what is left.
-                self.instances.carry(slot, by);
-                return true;
+        for slot in shifted {
+            let now = instances.get(slot).map(|source| &source.world_from_object);
+            let Some((now, object_from_world)) = now.and_then(|now| Some((now, self.instances.shift(slot, now)?)))
+            else {
+                others.push(slot);
+                continue;
             };
-            let fits = self.instances.shift(slot, &matrices);
-            if fits && is_bvh {
-                self.merge.shift(slot, &now, by);
-                self.top_level.shift(slot, &now, &matrices.object_from_world);
+            if is_bvh {
+                self.merge.shift(slot, now, by);
+                self.top_level.shift(slot, now, object_from_world);
             }
-            !fits
-        });
-        let others = others.collect();
+        }
+        // Their own movement is what is left.
+        for slot in &others {
+            self.instances.carry(*slot, by);
+        }
         if is_bvh {
             self.merge.finish_shift(by);
         }
