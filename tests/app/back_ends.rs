@@ -77,6 +77,10 @@ fn add(
     add_with(app, reflections, heuristic)
 }
 
+fn add_variable(app: &mut HeadlessApp, backend: ReflectionBackend, heuristic: &ShadingRateHeuristic) -> Viewer {
+    add(app, ReflectionTechnique::Variable, backend, heuristic)
+}
+
 fn add_with(app: &mut HeadlessApp, reflections: RayTracedReflections, heuristic: &ShadingRateHeuristic) -> Viewer {
     let mut image = Image::new_target_texture(SIZE.x, SIZE.y, TextureFormat::Rgba8UnormSrgb, None);
     image.texture_descriptor.usage |= TextureUsages::COPY_SRC;
@@ -312,12 +316,7 @@ fn assert_techniques_agree(app: &mut HeadlessApp, tracer: ReflectionTracerChoice
 /// If the hardware back end can't be used, compute takes its place and the status gives the reason.
 fn compute_takes_the_place_of_missing_hardware(app: &mut HeadlessApp) {
     let heuristic = ShadingRateHeuristic::default();
-    let viewer = add(
-        app,
-        ReflectionTechnique::Variable,
-        ReflectionBackend::HardwareVrs,
-        &heuristic,
-    );
+    let viewer = add_variable(app, ReflectionBackend::HardwareVrs, &heuristic);
     warm_up(app);
     assert_eq!(active_backend(app, &viewer), Some(ReflectionBackend::Compute));
     let is_said =
@@ -354,35 +353,38 @@ fn compute_takes_the_place_of_fragments_that_would_crash(app: &mut HeadlessApp) 
     remove(app, viewers);
 }
 
+#[cfg(feature = "hardware-vrs")]
+fn add_of_both_back_ends(app: &mut HeadlessApp, heuristic: &ShadingRateHeuristic) -> [Viewer; 2] {
+    [ReflectionBackend::Compute, ReflectionBackend::HardwareVrs].map(|backend| add_variable(app, backend, heuristic))
+}
+
+/// An app with the raw Vulkan pass, even without shading rates; `None` (with the reason printed) if this machine can't have one.
+#[cfg(feature = "hardware-vrs")]
+fn app_with_raw_pass(tracer: ReflectionTracerChoice) -> Option<HeadlessApp> {
+    let mut app = app(tracer, |app| {
+        app.add_plugins(HardwareVrsPlugin { allow_full_rate: true });
+    })?;
+    if let HardwareVrsSupport::Missing(reason) = report(&mut app).hardware_vrs {
+        println!("skipped: {reason}");
+        return None;
+    }
+    Some(app)
+}
+
 /// The raw Vulkan pass without its shading-rate attachment, so that other devices test it, too.
 #[cfg(feature = "hardware-vrs")]
 #[test]
 fn the_raw_pass_traces_the_rays_of_the_others() {
     for tracer in [ReflectionTracerChoice::Bvh, ReflectionTracerChoice::RayQuery] {
-        let plugin = HardwareVrsPlugin { allow_full_rate: true };
-        let before = |app: &mut App| {
-            app.add_plugins(plugin);
-        };
-        let Some(mut app) = app(tracer, before) else { continue };
-        if let HardwareVrsSupport::Missing(reason) = report(&mut app).hardware_vrs {
-            println!("skipped: {reason}");
+        let Some(mut app) = app_with_raw_pass(tracer) else {
             continue;
-        }
+        };
         let one = ShadingRateHeuristic::Uniform(ShadingRate::R1x1);
         let viewers = [
-            add(
-                &mut app,
-                ReflectionTechnique::QuarterInline,
-                ReflectionBackend::Auto,
-                &one,
-            ),
-            add(
-                &mut app,
-                ReflectionTechnique::Variable,
-                ReflectionBackend::HardwareVrs,
-                &one,
-            ),
-        ];
+            (ReflectionTechnique::QuarterInline, ReflectionBackend::Auto),
+            (ReflectionTechnique::Variable, ReflectionBackend::HardwareVrs),
+        ]
+        .map(|(technique, backend)| add(&mut app, technique, backend, &one));
         render_together(&mut app, &viewers);
         assert_eq!(active_backend(&mut app, &viewers[0]), Some(ReflectionBackend::Compute));
         assert_eq!(
@@ -397,20 +399,7 @@ fn the_raw_pass_traces_the_rays_of_the_others() {
 
         // Coarse blocks: if the rasterizer doesn't support them, all their pixels trace the block's ray.
         let coarse = ShadingRateHeuristic::PAPER_GRAZING;
-        let viewers = [
-            add(
-                &mut app,
-                ReflectionTechnique::Variable,
-                ReflectionBackend::Compute,
-                &coarse,
-            ),
-            add(
-                &mut app,
-                ReflectionTechnique::Variable,
-                ReflectionBackend::HardwareVrs,
-                &coarse,
-            ),
-        ];
+        let viewers = add_of_both_back_ends(&mut app, &coarse);
         render_together(&mut app, &viewers);
         assert_same_rays(&mut app, &format!("raw-coarse-{tracer:?}"), &viewers[0], &viewers[1]);
         let [compute, hardware] = viewers.each_ref().map(|viewer| counted(&mut app, viewer));
@@ -435,23 +424,11 @@ fn the_raw_pass_is_taken_up_again_after_an_error() {
     if !is_alone("back_ends::the_raw_pass_is_taken_up_again_after_an_error") {
         return;
     }
-    let before = |app: &mut App| {
-        app.add_plugins(HardwareVrsPlugin { allow_full_rate: true });
-    };
-    let Some(mut app) = app(ReflectionTracerChoice::Bvh, before) else {
+    let Some(mut app) = app_with_raw_pass(ReflectionTracerChoice::Bvh) else {
         return;
     };
-    if let HardwareVrsSupport::Missing(reason) = report(&mut app).hardware_vrs {
-        println!("skipped: {reason}");
-        return;
-    }
     let one = ShadingRateHeuristic::Uniform(ShadingRate::R1x1);
-    let viewer = add(
-        &mut app,
-        ReflectionTechnique::Variable,
-        ReflectionBackend::HardwareVrs,
-        &one,
-    );
+    let viewer = add_variable(&mut app, ReflectionBackend::HardwareVrs, &one);
     render_together(&mut app, std::slice::from_ref(&viewer));
     let device = app.device().unwrap().clone();
     let active = |app: &mut HeadlessApp| active_backend(app, &viewer);
@@ -496,8 +473,7 @@ fn hardware_rates_start_the_rays_of_the_list() {
         };
         println!("{}: {rates:?}", status.adapter);
         let first = ShadingRateHeuristic::PAPER_ROUGHNESS;
-        let viewers = [ReflectionBackend::Compute, ReflectionBackend::HardwareVrs]
-            .map(|backend| add(&mut app, ReflectionTechnique::Variable, backend, &first));
+        let viewers = add_of_both_back_ends(&mut app, &first);
         let supports = |rate: ShadingRate| rates.supports(rate.code());
         let is_large = [ShadingRate::R4x2, ShadingRate::R2x4, ShadingRate::R4x4]
             .into_iter()

@@ -2,10 +2,10 @@
 
 use crate::{
     pictures::{apps, linear_app, reflect, warm_up},
-    stage::{behind, settings_of, spawn_camera, spawn_mesh, wall},
+    stage::{begin_anew, behind, settings_of, spawn_camera, spawn_mesh, wall},
 };
 use bevy::{math::UVec2, prelude::*};
-use bevy_glint::{RayTracedReflections, ReflectionTechnique};
+use bevy_glint::ReflectionTechnique;
 use glint_scenes::{HeadlessApp, Output, SceneName};
 
 /// The whole image shows the same, so a few pixels are enough.
@@ -41,15 +41,14 @@ fn spawn_mirrors(app: &mut HeadlessApp, [red, green, blue]: [f32; 3], perceptual
     (camera, other)
 }
 
-fn set_bounces(app: &mut HeadlessApp, camera: Entity, max_bounces: u32, bounce_roughness_cutoff: f32) {
-    let mut settings = app.world().get_mut::<RayTracedReflections>(camera).unwrap();
+/// Waits until it has an effect, and clears the history.
+pub fn set_bounces(app: &mut HeadlessApp, camera: Entity, max_bounces: u32, bounce_roughness_cutoff: f32) {
+    let mut settings = settings_of(app, camera);
     settings.max_bounces = max_bounces;
     settings.bounce_roughness_cutoff = bounce_roughness_cutoff;
     // The report is one frame old.
     app.step(2);
-    warm_up(app);
-    app.world().get_mut::<RayTracedReflections>(camera).unwrap().reset = true;
-    app.step(4);
+    begin_anew(app, camera);
 }
 
 /// After n bounces the light of the surroundings has been reflected by n + 1 mirrors, including the first one.
@@ -77,6 +76,7 @@ fn facing_mirrors_show_powers_of_their_reflectance() {
             *app.world().get_mut::<Visibility>(other).unwrap() = Visibility::Inherited;
             for bounces in [1, 2, 4, 8] {
                 set_bounces(app, camera, bounces, 0.3);
+                app.step(4);
                 let shown = middle(app);
                 let expected = single.map(|single| single.powi(bounces as i32 + 1));
                 println!("{name}, {bounces} bounces: {shown:.4?}, expected {expected:.4?}");
@@ -106,6 +106,7 @@ fn rays_that_go_on_take_the_place_of_ambient_light() {
         // Only the last hit shows it.
         let light = [1, 8].map(|bounces| {
             set_bounces(app, camera, bounces, 0.3);
+            app.step(4);
             middle(app)[1]
         });
         println!("{tracer:?}: {light:.4?} after 1 and 8 bounces");
@@ -126,7 +127,7 @@ fn white_walls_stay_white() {
         }
         for bounces in [1, 2, 4, 8] {
             set_bounces(app, camera, bounces, 1.0);
-            app.step(12);
+            app.step(16);
             let pixels = app.capture_linear().unwrap();
             let mean = pixels.iter().map(|[_, green, ..]| green).sum::<f32>() / pixels.len() as f32;
             println!("roughness {perceptual_roughness}, {bounces} bounces: {mean:.4}");
@@ -147,7 +148,7 @@ fn rough_hits_end_the_path() {
     reflect(app, camera, ReflectionTechnique::Converged);
     let mut shown = |bounces, cutoff| {
         set_bounces(app, camera, bounces, cutoff);
-        app.step(16);
+        app.step(20);
         middle(app)
     };
     let one = shown(1, 0.3);

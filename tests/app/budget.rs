@@ -3,8 +3,8 @@
 use crate::{
     common::app_with,
     pictures::{linear_app, spawn, use_coarse_shadow_maps, warm_up},
-    stage::{self, frame},
-    static_views::{begin_anew, capture, difference, room},
+    stage::{self, begin_anew, frame},
+    static_views::{capture, difference, room},
 };
 use bevy::{diagnostic::DiagnosticsStore, math::UVec2, prelude::*, render::diagnostic::RenderDiagnosticsPlugin};
 use bevy_glint::{

@@ -2,8 +2,10 @@
 
 use crate::{
     common::app,
-    pictures::{COARSE, linear_app, use_coarse_shadow_maps, warm_up},
-    stage::{self, BEFORE_THE_MIRROR, metal, settings_of, spawn_camera, spawn_mesh, spawn_mirror, unlit, wall},
+    pictures::{COARSE, linear_app, use_coarse_shadow_maps},
+    stage::{
+        self, BEFORE_THE_MIRROR, begin_anew, metal, settings_of, spawn_camera, spawn_mesh, spawn_mirror, unlit, wall,
+    },
 };
 use bevy::{core_pipeline::tonemapping::Tonemapping, math::UVec2, prelude::*};
 use bevy_glint::{RayTracedReflections, ReflectionTracerChoice, named_settings};
@@ -46,8 +48,7 @@ pub fn switch(app: &mut HeadlessApp, camera: Entity, name: &str) {
     app.world()
         .entity_mut(camera)
         .insert((settings, heuristic, Tonemapping::None));
-    warm_up(app);
-    app.world().get_mut::<RayTracedReflections>(camera).unwrap().reset = true;
+    begin_anew(app, camera);
 }
 
 fn scene(app: &mut HeadlessApp, name: SceneName) -> Entity {
@@ -274,8 +275,7 @@ fn young_pictures_are_blurred() {
         let mut settings = app.world().get_mut::<RayTracedReflections>(camera).unwrap();
         settings.denoiser.blur_radius = radius;
         settings.denoiser.converge_static_views = false;
-        warm_up(app);
-        app.world().get_mut::<RayTracedReflections>(camera).unwrap().reset = true;
+        begin_anew(app, camera);
         app.step(3);
         grain(&app.capture_linear().unwrap(), size.x as usize)
     });

@@ -3,7 +3,7 @@
 use crate::{
     common::app_with,
     pictures::{reflect, spawn, use_coarse_shadow_maps, warm_up},
-    stage::{BEFORE_THE_MIRROR, report, settings_of, spawn_camera, spawn_mesh, unlit, until},
+    stage::{BEFORE_THE_MIRROR, denoised, report, settings_of, spawn_camera, spawn_mesh, unlit, until},
 };
 use bevy::{
     core_pipeline::tonemapping::Tonemapping,
@@ -29,13 +29,8 @@ fn app() -> Option<HeadlessApp> {
     })
 }
 
-/// Everything that is on by default, with reflections on all surfaces.
 fn switch(app: &mut HeadlessApp, camera: Entity, technique: ReflectionTechnique) {
-    app.world().entity_mut(camera).insert(RayTracedReflections {
-        technique,
-        roughness_cutoff: 1.0,
-        ..default()
-    });
+    app.world().entity_mut(camera).insert(denoised(technique));
     warm_up(app);
 }
 
@@ -156,10 +151,8 @@ fn the_reference_has_one_ray_per_reflecting_pixel(app: &mut HeadlessApp, camera:
 
     // A quarter: log2(1/4) is two thirds of the way from log2(1/64) to 0.
     app.world().entity_mut(camera).insert(RayTracedReflections {
-        technique: ReflectionTechnique::Quarter,
         full_resolution_mirrors: false,
-        roughness_cutoff: 1.0,
-        ..default()
+        ..denoised(ReflectionTechnique::Quarter)
     });
     warm_up(app);
     let pixels = show(app, camera, ReflectionDebugView::RaysPerPixel);

@@ -2,8 +2,11 @@
 
 use crate::{
     common::app_with,
-    pictures::{reflect, warm_up},
-    stage::{BEFORE_THE_MIRROR, SIZE, clear_glass, metal, spawn_camera, spawn_mesh, spawn_mirror, unlit_color, wall},
+    pictures::reflect,
+    stage::{
+        BEFORE_THE_MIRROR, SIZE, begin_anew, clear_glass, denoised, metal, spawn_camera, spawn_mesh, spawn_mirror,
+        unlit_color, wall,
+    },
 };
 use bevy::{
     light::{FogVolume, VolumetricFog, VolumetricLight},
@@ -12,7 +15,7 @@ use bevy::{
 };
 use bevy_anti_alias::taa::{TemporalAntiAliasPlugin, TemporalAntiAliasing};
 use bevy_glint::{
-    NotReflected, RayTracedReflections, ReflectionTechnique, ReflectionTracerChoice,
+    NotReflected, ReflectionTechnique, ReflectionTracerChoice,
     internals::{Target, readback},
 };
 use bevy_post_process::bloom::{Bloom, BloomPlugin};
@@ -186,13 +189,10 @@ fn a_jittered_camera_keeps_its_history() {
     let app = &mut app;
     let camera = app.spawn_scene(SceneName::EmissiveFloor, &default());
     reflect(app, camera, ReflectionTechnique::Variable);
-    app.world().entity_mut(camera).insert(RayTracedReflections {
-        roughness_cutoff: 1.0,
-        ..default()
-    });
+    let settings = denoised(ReflectionTechnique::Variable);
+    app.world().entity_mut(camera).insert(settings);
     let mut show = || {
-        warm_up(app);
-        app.world().get_mut::<RayTracedReflections>(camera).unwrap().reset = true;
+        begin_anew(app, camera);
         app.step(24);
         let history = readback::copy(app.app(), camera, Target::HistoryRadiance).expect("the camera has a history");
         let texels = decode_halves(bytemuck::cast_slice(&history.words));

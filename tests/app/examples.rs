@@ -74,12 +74,8 @@ struct Example {
 
 impl Example {
     /// Renders the first frames until rays can hit the whole scene. Returns `None` (with the reason printed) if this machine can't render.
-    fn start(name: &'static str, plugin: fn(&mut App)) -> Option<Self> {
-        Self::start_with(name, plugin, |_| {})
-    }
-
-    /// Like `start`; `change` is called before the first frame.
-    fn start_with(name: &'static str, plugin: fn(&mut App), change: impl FnOnce(&mut World)) -> Option<Self> {
+    /// `change` is called before the first frame.
+    fn start(name: &'static str, plugin: fn(&mut App), change: impl FnOnce(&mut World)) -> Option<Self> {
         let settings = HeadlessSettings {
             size: size(),
             ..default()
@@ -221,6 +217,16 @@ impl Example {
     }
 }
 
+/// An example by the name of its file. Ends the test if this machine can't render.
+macro_rules! start {
+    ($name:ident) => {{
+        let Some(example) = Example::start(stringify!($name), $name::plugin, |_| {}) else {
+            return;
+        };
+        example
+    }};
+}
+
 /// Light of an image with reflections, relative to the image with environment map reflections.
 const LEAST_LIGHT: f32 = 0.8;
 
@@ -239,9 +245,7 @@ fn difference(a: &[u8], b: &[u8], columns: Range<u32>) -> f32 {
 #[test]
 #[ignore = "long: another app and its shaders"]
 fn facing_mirrors() {
-    let Some(mut example) = Example::start("facing_mirrors", facing_mirrors::plugin) else {
-        return;
-    };
+    let mut example = start!(facing_mirrors);
     let one = example.image_after(KeyCode::Digit1, "1-bounce");
     let two = example.image_after(KeyCode::Digit2, "2-bounces");
     let four = example.image_after(KeyCode::Digit3, "4-bounces");
@@ -256,9 +260,7 @@ fn facing_mirrors() {
 #[test]
 #[ignore = "long: 10,000 lights"]
 fn many_lights() {
-    let Some(mut example) = Example::start("many_lights", many_lights::plugin) else {
-        return;
-    };
+    let mut example = start!(many_lights);
     let thousand = example.image_after(KeyCode::Space, "1008-lanterns");
     let few = example.image_after(KeyCode::Digit1, "16-lanterns");
     example.assert_differs("16 lanterns instead of 1,008", &thousand, &few, 1.0);
@@ -270,18 +272,14 @@ fn many_lights() {
 
 #[test]
 fn minimal() {
-    let Some(mut example) = Example::start("minimal", minimal::plugin) else {
-        return;
-    };
+    let mut example = start!(minimal);
     example.assert_reflects(2.0);
 }
 
 #[test]
 #[ignore = "long: another app and its shaders"]
 fn moving_objects() {
-    let Some(mut example) = Example::start("moving_objects", moving_objects::plugin) else {
-        return;
-    };
+    let mut example = start!(moving_objects);
     example.app.step(30);
     let half_a_second = example.image("moving");
     example.app.step(30);
@@ -303,9 +301,7 @@ fn moving_objects() {
 #[test]
 #[ignore = "long: another app and its shaders"]
 fn character() {
-    let Some(mut example) = Example::start("character", character::plugin) else {
-        return;
-    };
+    let mut example = start!(character);
     example.app.step(30);
     let half_a_second = example.image("walking");
     assert_eq!(example.report().posed_instances, 1);
@@ -331,9 +327,7 @@ fn character() {
 #[test]
 #[ignore = "long: another app and its shaders"]
 fn reflection_methods() {
-    let Some(mut example) = Example::start("reflection_methods", reflection_methods::plugin) else {
-        return;
-    };
+    let mut example = start!(reflection_methods);
     let traced = example.image("traced");
     let truth = example.image_after(KeyCode::Digit4, "truth");
     let off = example.image_after(KeyCode::Digit1, "off");
@@ -353,9 +347,7 @@ fn reflection_methods() {
 #[test]
 #[ignore = "long: another app and its shaders"]
 fn shading_rates() {
-    let Some(mut example) = Example::start("shading_rates", shading_rates::plugin) else {
-        return;
-    };
+    let mut example = start!(shading_rates);
     _ = example.image_after(KeyCode::Digit5, "adaptive");
     let combined = example.image_after(KeyCode::Digit4, "combined");
     let uniform = example.image_after(KeyCode::Digit1, "uniform");
@@ -385,9 +377,7 @@ fn shading_rates() {
 #[test]
 #[ignore = "long: another app and its shaders"]
 fn split_screen() {
-    let Some(mut example) = Example::start("split_screen", split_screen::plugin) else {
-        return;
-    };
+    let mut example = start!(split_screen);
     let halves = [0..size().x / 2, size().x / 2..size().x];
     let both = example.image("both");
     example.press(KeyCode::Digit1);
@@ -412,9 +402,7 @@ fn split_screen() {
 #[test]
 #[ignore = "long: another app and its shaders"]
 fn custom_heuristic() {
-    let Some(mut example) = Example::start("custom_heuristic", custom_heuristic::plugin) else {
-        return;
-    };
+    let mut example = start!(custom_heuristic);
     let shader = example.image_after(KeyCode::Digit1, "shader");
     let image = example.image_after(KeyCode::Digit2, "image");
     let own = example.image_after(KeyCode::Digit3, "own");
@@ -429,9 +417,7 @@ fn custom_heuristic() {
 
 #[test]
 fn glass_and_water() {
-    let Some(mut example) = Example::start("glass_and_water", glass_and_water::plugin) else {
-        return;
-    };
+    let mut example = start!(glass_and_water);
     let images = ["traced", "opaque-alone"];
     example.assert_key_changes(KeyCode::Space, "glass and water without rays", images, 1.0);
     example.press(KeyCode::Space);
@@ -441,9 +427,7 @@ fn glass_and_water() {
 #[test]
 #[ignore = "long: another app and its shaders"]
 fn water_material() {
-    let Some(mut example) = Example::start("water_material", water_material::plugin) else {
-        return;
-    };
+    let mut example = start!(water_material);
     assert_eq!(example.report().unseen, []);
     example.assert_key_changes(KeyCode::Space, "water without waves", ["waves", "flat"], 1.0);
     example.press(KeyCode::Space);
@@ -453,9 +437,7 @@ fn water_material() {
 #[test]
 #[ignore = "long: another app and its shaders"]
 fn custom_material() {
-    let Some(mut example) = Example::start("custom_material", custom_material::plugin) else {
-        return;
-    };
+    let mut example = start!(custom_material);
     assert_eq!(example.report().unseen, []);
     example.assert_key_changes(KeyCode::Space, "the coarse mesh", ["dense", "coarse"], 0.1);
     example.assert_reflects(2.0);
@@ -464,9 +446,7 @@ fn custom_material() {
 #[test]
 #[ignore = "long: another app and its shaders"]
 fn wind() {
-    let Some(mut example) = Example::start("wind", wind::plugin) else {
-        return;
-    };
+    let mut example = start!(wind);
     example.press(KeyCode::Space);
     let still = example.image("still-in-the-water");
     assert_eq!(example.report().posed_instances, 0);
@@ -481,9 +461,7 @@ fn wind() {
 #[test]
 #[ignore = "long: another app and its shaders"]
 fn sparks() {
-    let Some(mut example) = Example::start("sparks", sparks::plugin) else {
-        return;
-    };
+    let mut example = start!(sparks);
     let images = ["on", "not-in-the-floor"];
     example.assert_key_changes(KeyCode::Space, "a floor without sparks", images, 0.2);
     example.press(KeyCode::Space);
@@ -494,9 +472,7 @@ fn sparks() {
 #[test]
 #[ignore = "long: another app and its shaders"]
 fn settings_panel() {
-    let Some(mut example) = Example::start("settings_panel", settings_panel::plugin) else {
-        return;
-    };
+    let mut example = start!(settings_panel);
     example.assert_key_changes(KeyCode::F2, "the panel", ["open", "closed"], 10.0);
     example.assert_reflects(2.0);
 }
@@ -514,7 +490,7 @@ fn quality_menu() {
         "volume = 0.5\nreflections = ultra\nlanguage = latin\nvolume = loud\n",
     )
     .expect("it can be written");
-    let Some(mut example) = Example::start_with("quality_menu", quality_menu::plugin, |world| {
+    let Some(mut example) = Example::start("quality_menu", quality_menu::plugin, |world| {
         world.insert_resource(SettingsFile(file.clone()));
     }) else {
         return;

@@ -2,11 +2,11 @@
 
 use crate::{
     pictures::{linear_app, reflect, warm_up},
-    stage::{BEFORE_THE_MIRROR, SIZE, metal, settings_of, spawn_camera, spawn_mesh, unlit, wall},
+    stage::{BEFORE_THE_MIRROR, SIZE, denoised, metal, settings_of, spawn_camera, spawn_mesh, unlit, wall},
     static_views::capture,
 };
 use bevy::{camera::Exposure, prelude::*};
-use bevy_glint::{RayTracedReflections, ReflectionTechnique};
+use bevy_glint::ReflectionTechnique;
 use glint_scenes::{HeadlessApp, SceneName};
 
 /// EV100 in which the lit panel is about as bright as the unlit one.
@@ -56,11 +56,7 @@ fn exposure_leaves_what_is_not_exposed_alone() {
     let camera = spawn_camera(app, BEFORE_THE_MIRROR, SceneName::MirrorRoom);
     expose(app, camera, BRIGHT);
     reflect(app, camera, ReflectionTechnique::Quarter);
-    let settings = RayTracedReflections {
-        technique: ReflectionTechnique::Quarter,
-        roughness_cutoff: 1.0,
-        ..default()
-    };
+    let settings = denoised(ReflectionTechnique::Quarter);
     app.world().entity_mut(camera).insert(settings);
     warm_up(app);
     // Eyes that adapt to light and darkness, and a step.

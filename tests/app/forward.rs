@@ -1,11 +1,11 @@
 //! Reflections on opaque surfaces that Bevy draws forward.
 
 use crate::{
-    pictures::{apps, apps_with, reflect, warm_up},
+    pictures::{apps, apps_with, reflect},
     stage::{
-        BEFORE_THE_MIRROR, BLUE, GREEN, RED, SIZE, Unprepared, WithoutPrepass, add, before, behind, clear, clear_glass,
-        edit_material, forward, frame, layer_bytes, metal, settings_of, sheet, spawn_behind, spawn_camera, spawn_mesh,
-        spawn_of, unlit,
+        BEFORE_THE_MIRROR, BLUE, GREEN, RED, SIZE, Unprepared, WithoutPrepass, add, before, begin_anew, behind, clear,
+        clear_glass, edit_material, forward, frame, layer_bytes, metal, settings_of, sheet, spawn_behind, spawn_camera,
+        spawn_mesh, spawn_of, unlit,
     },
 };
 use bevy::{
@@ -41,8 +41,7 @@ fn draw(app: &mut HeadlessApp, object: Entity, method: OpaqueRendererMethod) {
 
 fn settle(app: &mut HeadlessApp, camera: Entity, frames: u32) -> Picture {
     app.step(2);
-    warm_up(app);
-    app.world().get_mut::<RayTracedReflections>(camera).unwrap().reset = true;
+    begin_anew(app, camera);
     app.step(frames);
     app.capture_linear().unwrap()
 }

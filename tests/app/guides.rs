@@ -2,7 +2,10 @@
 
 use crate::{
     pictures::{linear_app, warm_up},
-    stage::{BEFORE_THE_MIRROR, BLUE, RED, SIZE, behind, frame, report, settings_of, spawn_mesh, spawn_mirror, unlit},
+    stage::{
+        BEFORE_THE_MIRROR, BLUE, RED, SIZE, behind, denoised, frame, report, settings_of, spawn_mesh, spawn_mirror,
+        unlit,
+    },
 };
 use bevy::{
     prelude::*,
@@ -35,11 +38,8 @@ impl Stage {
         let camera = spawn_mirror(&mut app, roughness, SceneName::MirrorRoom);
         let facing_the_mirror = behind(BEHIND);
         spawn_mesh(&mut app, Rectangle::new(60.0, 60.0), unlit(RED), facing_the_mirror);
-        app.world().entity_mut(camera).insert(RayTracedReflections {
-            technique: ReflectionTechnique::Variable,
-            roughness_cutoff: 1.0,
-            ..default()
-        });
+        let settings = denoised(ReflectionTechnique::Variable);
+        app.world().entity_mut(camera).insert(settings);
         warm_up(&mut app);
         Some(Self { app, camera })
     }

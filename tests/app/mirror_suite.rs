@@ -216,6 +216,13 @@ impl<'a> Stage<'a> {
         self.put(Rectangle::new(1.6, 1.6), material, at);
     }
 
+    /// Spawns objects with a lightmap of two colours.
+    fn spawn_baked(&mut self, material: StandardMaterial) {
+        let image = self.checkers([255, 150, 40, 255], [20, 60, 200, 255], true);
+        self.spawn(material);
+        self.bake(&image);
+    }
+
     /// Gives the spawned objects a part of a lightmap.
     fn bake(&mut self, image: &Handle<Image>) {
         let world = self.app.world();

@@ -1,5 +1,6 @@
 //! The settings panel and the options menu, used like a person by clicking on labels. No window, no GPU.
 
+use crate::plugin::plugins_without_gpu;
 use bevy::{
     input::{
         ButtonState,
@@ -8,10 +9,6 @@ use bevy::{
         mouse::MouseButtonInput,
     },
     prelude::*,
-    render::{
-        RenderPlugin,
-        settings::{RenderCreation, WgpuSettings},
-    },
     window::{CursorMoved, PrimaryWindow, WindowEvent},
 };
 use bevy_egui::{EguiContext, EguiOutput, EguiPlugin, EguiRenderOutput, egui::Ui};
@@ -113,6 +110,12 @@ fn panel(settings: CameraSettings, report: ReflectionStatusReport) -> Screen<(Ca
     })
 }
 
+fn panel_of(world: World) -> Screen<(World, Option<Entity>)> {
+    Screen::new((world, None), |ui, (world, camera)| {
+        reflection_settings_ui(ui, world, camera);
+    })
+}
+
 fn on() -> CameraSettings {
     CameraSettings { on: true, ..default() }
 }
@@ -142,9 +145,7 @@ fn a_click_chooses_and_a_click_resets() {
 fn a_budget_comes_and_goes() {
     let mut world = World::new();
     let camera = world.spawn((Camera3d::default(), RayTracedReflections::default())).id();
-    let mut panel = Screen::new((world, None::<Entity>), |ui, (world, camera)| {
-        reflection_settings_ui(ui, world, camera);
-    });
+    let mut panel = panel_of(world);
     panel.click_on("Budget");
     panel.click_beside("Hold GPU time", "off");
     assert_eq!(panel.data().0.get(camera), Some(&ReflectionBudget::default()));
@@ -167,9 +168,7 @@ fn the_search_for_a_quality_is_seen_and_can_be_ended() {
     let camera = world
         .spawn((Camera3d::default(), RayTracedReflections::default(), budget))
         .id();
-    let mut panel = Screen::new((world, None::<Entity>), |ui, (world, camera)| {
-        reflection_settings_ui(ui, world, camera);
-    });
+    let mut panel = panel_of(world);
     panel.click_on("Budget");
     panel.click_beside("Find quality", "off");
     let search = panel.data().0.get::<ReflectionAutoQuality>(camera);
@@ -330,9 +329,7 @@ fn cameras_are_switched() {
 #[test]
 fn the_options_menu_chooses_a_quality() {
     let mut menu = Screen::new((ReflectionQuality::default(), 0), |ui, (quality, changes)| {
-        if quality_menu(ui, quality).changed() {
-            *changes += 1;
-        }
+        *changes += u32::from(quality_menu(ui, quality).changed());
     });
     menu.click_on("High");
     assert_eq!(menu.data(), &(ReflectionQuality::High, 1));
@@ -345,9 +342,7 @@ fn the_options_menu_chooses_a_quality() {
 #[test]
 fn the_options_menu_leaves_the_choice_to_the_machine() {
     let mut menu = Screen::new((Some(ReflectionQuality::High), 0), |ui, (quality, changes)| {
-        if auto_quality_menu(ui, quality).changed() {
-            *changes += 1;
-        }
+        *changes += u32::from(auto_quality_menu(ui, quality).changed());
     });
     menu.click_on("Auto");
     assert_eq!(menu.data(), &(None, 1));
@@ -415,20 +410,7 @@ struct Game {
 impl Game {
     fn new(others_draw_with_egui: bool) -> Self {
         let mut app = App::new();
-        let no_gpu = RenderPlugin {
-            render_creation: RenderCreation::Automatic(Box::new(WgpuSettings {
-                backends: None,
-                ..default()
-            })),
-            ..default()
-        };
-        app.add_plugins(
-            DefaultPlugins
-                .set(no_gpu)
-                .disable::<bevy::winit::WinitPlugin>()
-                .disable::<bevy::log::LogPlugin>()
-                .disable::<bevy::app::TerminalCtrlCHandlerPlugin>(),
-        );
+        app.add_plugins(plugins_without_gpu());
         if others_draw_with_egui {
             app.add_plugins(EguiPlugin::default());
         }

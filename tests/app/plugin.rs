@@ -2,13 +2,15 @@
 
 use crate::common;
 use bevy::{
+    app::PluginGroupBuilder,
     core_pipeline::schedule::{Core3d, Core3dSystems},
     ecs::schedule::{InternedScheduleLabel, LogLevel, ScheduleBuildSettings, ScheduleLabel, SystemSet},
     platform::collections::HashMap,
     prelude::*,
     render::{
-        MainWorld, Render, RenderApp, RenderPlugin, pipelined_rendering::PipelinedRenderingPlugin,
-        settings::RenderCreation,
+        MainWorld, Render, RenderApp, RenderPlugin,
+        pipelined_rendering::PipelinedRenderingPlugin,
+        settings::{RenderCreation, WgpuSettings},
     },
 };
 use bevy_glint::{
@@ -32,24 +34,30 @@ fn an_app_without_a_renderer_goes_on() {
     assert!(!report.ready);
 }
 
-#[test]
-fn a_renderer_without_a_device_is_no_error() {
-    let mut app = App::new();
-    let no_gpu = RenderPlugin {
-        render_creation: RenderCreation::Automatic(Box::new(bevy::render::settings::WgpuSettings {
+/// Bevy's plugins without an event loop, a log and a handler of Ctrl+C.
+fn plugins_with(render: RenderPlugin) -> PluginGroupBuilder {
+    DefaultPlugins
+        .set(render)
+        .disable::<bevy::winit::WinitPlugin>()
+        .disable::<bevy::log::LogPlugin>()
+        .disable::<bevy::app::TerminalCtrlCHandlerPlugin>()
+}
+
+/// Such plugins with a renderer that has no device.
+pub fn plugins_without_gpu() -> PluginGroupBuilder {
+    plugins_with(RenderPlugin {
+        render_creation: RenderCreation::Automatic(Box::new(WgpuSettings {
             backends: None,
             ..default()
         })),
         ..default()
-    };
-    app.add_plugins((
-        DefaultPlugins
-            .set(no_gpu)
-            .disable::<bevy::winit::WinitPlugin>()
-            .disable::<bevy::log::LogPlugin>()
-            .disable::<bevy::app::TerminalCtrlCHandlerPlugin>(),
-        RayTracedReflectionsPlugin::default(),
-    ));
+    })
+}
+
+#[test]
+fn a_renderer_without_a_device_is_no_error() {
+    let mut app = App::new();
+    app.add_plugins((plugins_without_gpu(), RayTracedReflectionsPlugin::default()));
     app.finish();
     app.cleanup();
     app.update();
@@ -294,17 +302,11 @@ fn ambiguities(add: impl FnOnce(&mut App)) -> Option<HashMap<(bool, InternedSche
 /// An app with a renderer, before its first frame.
 fn built(add: impl FnOnce(&mut App)) -> Option<App> {
     let mut app = App::new();
-    app.add_plugins(
-        DefaultPlugins
-            .set(RenderPlugin {
-                synchronous_pipeline_compilation: true,
-                ..default()
-            })
-            .disable::<PipelinedRenderingPlugin>()
-            .disable::<bevy::winit::WinitPlugin>()
-            .disable::<bevy::log::LogPlugin>()
-            .disable::<bevy::app::TerminalCtrlCHandlerPlugin>(),
-    );
+    let render = RenderPlugin {
+        synchronous_pipeline_compilation: true,
+        ..default()
+    };
+    app.add_plugins(plugins_with(render).disable::<PipelinedRenderingPlugin>());
     add(&mut app);
     while app.plugins_state() == bevy::app::PluginsState::Adding {
         bevy::tasks::tick_global_task_pools_on_main_thread();

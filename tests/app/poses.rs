@@ -209,6 +209,13 @@ fn shown(app: &mut HeadlessApp, posed: usize) -> Vec<u8> {
     panic!("{posed} objects should be posed: {:?}", report(app));
 }
 
+/// Compares the image once this number of objects is posed.
+#[track_caller]
+fn assert_shown(app: &mut HeadlessApp, posed: usize, name: &str, expected: &[u8]) {
+    let actual = shown(app, posed);
+    assert_flip(name, SIZE, expected, &actual, SAME);
+}
+
 /// The image of a mesh without a pose.
 fn shown_baked(app: &mut HeadlessApp, mesh: Mesh, material: StandardMaterial, at: Transform) -> Vec<u8> {
     let entity = spawn_mesh(app, mesh, material, at);
@@ -244,28 +251,22 @@ fn a_bent_arm_looks_like_one_that_was_baked(app: &mut HeadlessApp, tracer: Refle
     assert!(other > OTHER, "{tracer}: the bend changes the picture by {other} alone");
 
     let arm = spawn_arm(app, arm(), paint());
-    let actual = shown(app, 1);
-    assert_flip(&format!("bent-arm-{tracer}"), SIZE, &expected, &actual, SAME);
+    assert_shown(app, 1, &format!("bent-arm-{tracer}"), &expected);
     // Bevy places it only by its joints.
     app.world().get_mut::<Transform>(arm.mesh).unwrap().translation = Vec3::new(-3.0, 9.0, 1.0);
-    let actual = shown(app, 1);
-    assert_flip(&format!("bent-arm-elsewhere-{tracer}"), SIZE, &expected, &actual, SAME);
+    assert_shown(app, 1, &format!("bent-arm-elsewhere-{tracer}"), &expected);
 
     // It straightens, and bends again.
     *app.world().get_mut::<Transform>(arm.joints[1]).unwrap() = Transform::from_translation(ELBOW);
-    let actual = shown(app, 1);
-    assert_flip(&format!("straight-arm-{tracer}"), SIZE, &straight, &actual, SAME);
+    assert_shown(app, 1, &format!("straight-arm-{tracer}"), &straight);
     *app.world().get_mut::<Transform>(arm.joints[1]).unwrap() = bend();
-    let actual = shown(app, 1);
-    assert_flip(&format!("arm-bent-again-{tracer}"), SIZE, &expected, &actual, SAME);
+    assert_shown(app, 1, &format!("arm-bent-again-{tracer}"), &expected);
 
     // A rigid mesh has its bind pose at the first joint; without a skin it is far away.
     app.world().entity_mut(arm.mesh).insert(ReflectedPose::Rigid);
-    let actual = shown(app, 0);
-    assert_flip(&format!("rigid-arm-{tracer}"), SIZE, &straight, &actual, SAME);
+    assert_shown(app, 0, &format!("rigid-arm-{tracer}"), &straight);
     app.world().entity_mut(arm.mesh).remove::<ReflectedPose>();
-    let actual = shown(app, 1);
-    assert_flip(&format!("posed-again-{tracer}"), SIZE, &expected, &actual, SAME);
+    assert_shown(app, 1, &format!("posed-again-{tracer}"), &expected);
 }
 
 fn morph_targets_look_like_a_mesh_that_was_baked(app: &mut HeadlessApp, tracer: ReflectionTracerChoice) {
@@ -286,18 +287,15 @@ fn morph_targets_look_like_a_mesh_that_was_baked(app: &mut HeadlessApp, tracer: 
     };
     app.world().entity_mut(morphed).insert(weights([0.0; 2]));
     // Its vertices don't move.
-    let actual = shown(app, 0);
-    assert_flip(&format!("not-morphed-{tracer}"), SIZE, &flat, &actual, SAME);
+    assert_shown(app, 0, &format!("not-morphed-{tracer}"), &flat);
     app.world().entity_mut(morphed).insert(weights(WEIGHTS));
-    let actual = shown(app, 1);
-    assert_flip(&format!("morphed-{tracer}"), SIZE, &expected, &actual, SAME);
+    assert_shown(app, 1, &format!("morphed-{tracer}"), &expected);
     app.world().despawn(morphed);
 
     let expected = shown_baked(app, baked(WEIGHTS, Some(bones(bend()))), paint(), Transform::IDENTITY);
     let arm = spawn_arm(app, morphable(arm()), paint());
     app.world().entity_mut(arm.mesh).insert(weights(WEIGHTS));
-    let actual = shown(app, 1);
-    assert_flip(&format!("morphed-arm-{tracer}"), SIZE, &expected, &actual, SAME);
+    assert_shown(app, 1, &format!("morphed-arm-{tracer}"), &expected);
 }
 
 fn what_is_gone_leaves_nothing(app: &mut HeadlessApp, tracer: ReflectionTracerChoice) {
@@ -350,8 +348,7 @@ fn a_pose_stays_where_buffers_grow(app: &mut HeadlessApp, tracer: ReflectionTrac
     });
     let crowd: Vec<Entity> = world.spawn_batch(crowd.collect::<Vec<_>>()).collect();
     *world.get_mut::<Transform>(arm.joints[1]).unwrap() = bend();
-    let actual = shown(app, 1);
-    assert_flip(&format!("arm-among-a-crowd-{tracer}"), SIZE, &expected, &actual, SAME);
+    assert_shown(app, 1, &format!("arm-among-a-crowd-{tracer}"), &expected);
     for object in crowd {
         app.world().despawn(object);
     }
@@ -398,12 +395,10 @@ fn holes_stay_where_they_are_on_the_surface(app: &mut HeadlessApp, tracer: Refle
         "{tracer}: holes change the picture by {other} alone"
     );
     spawn_arm(app, with_uvs(arm()), material);
-    let actual = shown(app, 1);
-    assert_flip(&format!("masked-arm-{tracer}"), SIZE, &expected, &actual, SAME);
+    assert_shown(app, 1, &format!("masked-arm-{tracer}"), &expected);
     // Opacity micromaps arrive later, and change nothing.
     until_micromaps_rest(app);
-    let actual = shown(app, 1);
-    assert_flip(&format!("micromapped-arm-{tracer}"), SIZE, &expected, &actual, SAME);
+    assert_shown(app, 1, &format!("micromapped-arm-{tracer}"), &expected);
 }
 
 fn bad_skeletons_leave_a_picture(app: &mut HeadlessApp, tracer: ReflectionTracerChoice) {
@@ -415,14 +410,12 @@ fn bad_skeletons_leave_a_picture(app: &mut HeadlessApp, tracer: ReflectionTracer
     let upper = app.world().get::<Transform>(arm.joints[1]).copied().unwrap();
     for bad in [f32::NAN, f32::INFINITY, 1e30] {
         app.world().get_mut::<Transform>(arm.joints[1]).unwrap().translation.x = bad;
-        let actual = shown(app, 1);
-        assert_flip(&format!("lost-joint-{tracer}"), SIZE, &expected, &actual, SAME);
+        assert_shown(app, 1, &format!("lost-joint-{tracer}"), &expected);
     }
     *app.world().get_mut::<Transform>(arm.joints[1]).unwrap() = upper;
     app.step(2);
     app.world().despawn(arm.joints[1]);
-    let actual = shown(app, 1);
-    assert_flip(&format!("despawned-joint-{tracer}"), SIZE, &expected, &actual, SAME);
+    assert_shown(app, 1, &format!("despawned-joint-{tracer}"), &expected);
     // Without joints, and without inverse bind poses, it was never posed: its transform gives its place.
     let place = |app: &mut HeadlessApp, mesh: Entity| {
         *app.world().get_mut::<Transform>(mesh).unwrap() = shoulder();

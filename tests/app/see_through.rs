@@ -2,7 +2,10 @@
 
 use crate::{
     pictures::{apps, apps_of_both, linear_app, reflect, warm_up},
-    stage::{BLUE, GREEN, RED, SIZE, add, behind, edit_material, image, settings_of, spawn_mesh, spawn_mirror, unlit},
+    stage::{
+        BLUE, GREEN, RED, SIZE, add, begin_anew, behind, edit_material, image, settings_of, spawn_mesh, spawn_mirror,
+        unlit,
+    },
 };
 use bevy::{
     image::{ImageAddressMode, ImageSampler, ImageSamplerDescriptor},
@@ -11,7 +14,7 @@ use bevy::{
     prelude::*,
     render::render_resource::TextureFormat,
 };
-use bevy_glint::{RayTracedReflections, ReflectionDenoiser, ReflectionTechnique};
+use bevy_glint::{ReflectionDenoiser, ReflectionTechnique};
 use glint_scenes::{HeadlessApp, Output, SceneName};
 
 /// Mean red and green of the image.
@@ -57,8 +60,7 @@ fn a_pane_in_a_mirror_converges_to_the_mean_of_both_sides() {
             (0.5, AlphaMode::Opaque, 0.0, [1.0, 0.0]),
         ] {
             set_material(app, pane, alpha, alpha_mode, transmission);
-            warm_up(app);
-            app.world().get_mut::<RayTracedReflections>(camera).unwrap().reset = true;
+            begin_anew(app, camera);
             app.step(16);
             let [red, green] = shown(app);
             let name = format!("{tracer:?}, {alpha_mode:?}, alpha {alpha}, transmission {transmission}");

@@ -1,6 +1,6 @@
 //! Small scenes of a few objects before a mirror.
 
-use crate::pictures::{PATIENCE, apps_of_both};
+use crate::pictures::{PATIENCE, apps_of_both, warm_up};
 use bevy::{
     asset::RenderAssetUsages,
     camera::{ClearColorConfig, Viewport},
@@ -172,6 +172,15 @@ pub fn plain() -> RayTracedReflections {
     }
 }
 
+/// Settings with the whole denoiser, and with reflections on all surfaces.
+pub fn denoised(technique: ReflectionTechnique) -> RayTracedReflections {
+    RayTracedReflections {
+        technique,
+        roughness_cutoff: 1.0,
+        ..default()
+    }
+}
+
 /// The settings of a camera that reflects.
 pub fn settings_of(app: &mut HeadlessApp, camera: Entity) -> Mut<'_, RayTracedReflections> {
     app.world().get_mut(camera).unwrap()
@@ -235,6 +244,12 @@ pub fn share_picture(app: &mut HeadlessApp, cameras: [Entity; 2]) {
 
 pub fn report(app: &mut HeadlessApp) -> ReflectionStatusReport {
     app.world().resource::<ReflectionStatus>().report()
+}
+
+/// Waits until pipelines are compiled and meshes are built, then clears the history of a camera.
+pub fn begin_anew(app: &mut HeadlessApp, camera: Entity) {
+    warm_up(app);
+    settings_of(app, camera).reset = true;
 }
 
 /// Bytes of the textures that front layers have.

@@ -1,10 +1,10 @@
 //! Views without a change converge, regardless of changes elsewhere; visible changes are followed at once.
 
 use crate::{
-    pictures::{apps, linear_app, use_coarse_shadow_maps, warm_up},
+    pictures::{apps, linear_app, use_coarse_shadow_maps},
     stage::{
-        BEFORE_THE_MIRROR, SIZE, add, behind, cube_map, forward, frame, metal, settings_of, spawn_camera, spawn_mesh,
-        texel, unlit_color, wall,
+        BEFORE_THE_MIRROR, SIZE, add, begin_anew, behind, cube_map, denoised, forward, frame, metal, settings_of,
+        spawn_camera, spawn_mesh, texel, unlit_color, wall,
     },
 };
 use bevy::{
@@ -14,9 +14,7 @@ use bevy::{
     pbr::AtmosphereSettings,
     prelude::*,
 };
-use bevy_glint::{
-    RayTracedReflections, ReflectedParticle, ReflectedParticles, ReflectionTechnique, ReflectionTracerChoice,
-};
+use bevy_glint::{ReflectedParticle, ReflectedParticles, ReflectionTechnique, ReflectionTracerChoice};
 use glint_scenes::{HeadlessApp, Output, SceneName};
 
 /// Behind the reflecting wall, where rays don't reach.
@@ -158,17 +156,9 @@ pub fn room(app: &mut HeadlessApp, roughness: f32) -> Entity {
         spawn_mesh(app, Cuboid::from_length(1.0), Color::BLACK.into(), place);
     }
     let camera = spawn_camera(app, BEFORE_THE_MIRROR, SceneName::Demo);
-    app.world().entity_mut(camera).insert(RayTracedReflections {
-        technique: ReflectionTechnique::Reference,
-        roughness_cutoff: 1.0,
-        ..default()
-    });
+    let settings = denoised(ReflectionTechnique::Reference);
+    app.world().entity_mut(camera).insert(settings);
     camera
-}
-
-pub fn begin_anew(app: &mut HeadlessApp, camera: Entity) {
-    warm_up(app);
-    app.world().get_mut::<RayTracedReflections>(camera).unwrap().reset = true;
 }
 
 pub fn capture(app: &mut HeadlessApp) -> Vec<f32> {
@@ -387,11 +377,7 @@ fn spawn_in_air(app: &mut HeadlessApp) -> (Entity, Entity) {
     app.world().entity_mut(camera).insert((
         AtmosphereSettings::default(),
         Exposure::default(),
-        RayTracedReflections {
-            technique: ReflectionTechnique::Reference,
-            roughness_cutoff: 1.0,
-            ..default()
-        },
+        denoised(ReflectionTechnique::Reference),
     ));
     (camera, sun)
 }

@@ -1,12 +1,7 @@
 //! Light of lamps in volumes of fog along a ray, against sums over many steps of Bevy's formula.
 
-use crate::{
-    compute::{dispatch_with, entry},
-    gpu::{Checks, Gpu},
-    sampling::reference::Random,
-    wesl::flatten,
-};
-use bevy::math::{DVec3, IVec3, Vec3, Vec4, ivec3, uvec2};
+use crate::{compute::entry, gpu::Gpu, sampling::reference::Random, wesl::flatten_function};
+use bevy::math::{DVec3, IVec3, Vec3, Vec4, ivec3};
 use bevy_glint::internals::{
     environment::GpuEnvironment,
     fog_volumes::GpuFogVolume,
@@ -61,17 +56,8 @@ fn output(i: Input) -> vec4<f32> {
 }
 ";
 /// Follows either of them.
-const MAIN: &str = "
+const INPUT: &str = "
 struct Input { origin: vec3<f32>, offset: f32, direction: vec3<f32>, length: f32 }
-@group(0) @binding(0) var<storage, read> inputs: array<Input>;
-@group(0) @binding(1) var<storage, read_write> outputs: array<vec4<f32>>;
-
-@compute @workgroup_size(64)
-fn main(@builtin(global_invocation_id) id: vec3<u32>) {
-    if id.x < arrayLength(&outputs) {
-        outputs[id.x] = output(inputs[id.x]);
-    }
-}
 ";
 
 /// Points of the sum.
@@ -161,9 +147,7 @@ fn run(
     inputs: &[Input],
 ) -> Vec<Vec4> {
     let defs: Vec<_> = defs.iter().map(|def| (*def).into()).collect();
-    let shader = flatten(&format!("{function}{MAIN}"), &[NO_SHADOWS, NO_SUNS, VIEW], &defs);
-    let pipeline = gpu.pipeline(&shader, "main", Checks::Off);
-    let (input, output) = (gpu.buffer(inputs), gpu.buffer(&vec![Vec4::ZERO; inputs.len()]));
+    let shader = flatten_function(&format!("{function}{INPUT}"), &[NO_SHADOWS, NO_SUNS, VIEW], &defs);
     let surroundings = gpu.buffer(core::slice::from_ref(environment));
     let texture = density.map(|density| density.upload(gpu));
     let mut of_view = vec![entry(0, surroundings.as_entire_binding())];
@@ -171,13 +155,7 @@ fn run(
         of_view.push(entry(9, wgpu::BindingResource::TextureView(view)));
         of_view.push(entry(10, wgpu::BindingResource::Sampler(sampler)));
     }
-    let own = [
-        entry(0, input.as_entire_binding()),
-        entry(1, output.as_entire_binding()),
-    ];
-    let workgroups = uvec2(inputs.len().div_ceil(64) as u32, 1);
-    dispatch_with(gpu, &pipeline, &[&own, &[], &of_view], workgroups);
-    gpu.read(&output)
+    gpu.run_with(&shader, inputs, &[], &[&[], &of_view])
 }
 
 /// A texture of density that repeats.

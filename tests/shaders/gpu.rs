@@ -18,7 +18,10 @@
     reason = "wgpu asks for it to leave out run-time checks and to enable ray queries"
 )]
 
-use crate::compute;
+use crate::{
+    compute::{dispatch_with, entry},
+    wesl::Shaders,
+};
 use bevy::math::uvec2;
 use bytemuck::Pod;
 use std::{
@@ -166,30 +169,40 @@ impl Gpu {
             .map(|buffers| {
                 let buffers = buffers.iter();
                 buffers
-                    .map(|(binding, buffer)| compute::entry(*binding, buffer.as_entire_binding()))
+                    .map(|(binding, buffer)| entry(*binding, buffer.as_entire_binding()))
                     .collect()
             })
             .collect();
         let groups: Vec<_> = groups.iter().map(Vec::as_slice).collect();
-        compute::dispatch_with(self, pipeline, &groups, uvec2(workgroups, 1));
+        dispatch_with(self, pipeline, &groups, uvec2(workgroups, 1));
     }
 
     /// Runs `main` of a flattened shader, with workgroups of 64, and returns an output for each input.
     ///
     /// Binding 0 is the inputs, binding 1 receives the outputs, and textures are bound at the given bindings.
     pub fn run<I: Pod, O: Pod>(&self, wgsl: &str, inputs: &[I], textures: &[(u32, wgpu::TextureView)]) -> Vec<O> {
+        let textures = textures.iter();
+        let textures = textures.map(|(binding, view)| entry(*binding, wgpu::BindingResource::TextureView(view)));
+        self.run_with(wgsl, inputs, &textures.collect::<Vec<_>>(), &[])
+    }
+
+    /// Like [`run`](Self::run), with further bindings in the first group, and further groups.
+    pub fn run_with<I: Pod, O: Pod>(
+        &self,
+        wgsl: &str,
+        inputs: &[I],
+        bindings: &[wgpu::BindGroupEntry],
+        groups: &[&[wgpu::BindGroupEntry]],
+    ) -> Vec<O> {
         let pipeline = self.pipeline(wgsl, "main", Checks::Off);
         let (input, output) = (self.buffer(inputs), self.buffer(&vec![O::zeroed(); inputs.len()]));
-        let resources = [(0, input.as_entire_binding()), (1, output.as_entire_binding())];
-        let textures = textures.iter();
-        let textures = textures.map(|(binding, view)| (*binding, wgpu::BindingResource::TextureView(view)));
-        let entries: Vec<_> = resources
-            .into_iter()
-            .chain(textures)
-            .map(|(binding, resource)| compute::entry(binding, resource))
-            .collect();
-        let groups = inputs.len().div_ceil(64) as u32;
-        compute::dispatch(self, &pipeline, &entries, uvec2(groups, 1));
+        let own = [
+            entry(0, input.as_entire_binding()),
+            entry(1, output.as_entire_binding()),
+        ];
+        let first = [&own[..], bindings].concat();
+        let workgroups = uvec2(inputs.len().div_ceil(64) as u32, 1);
+        dispatch_with(self, &pipeline, &[&[&first[..]][..], groups].concat(), workgroups);
         self.read(&output)
     }
 
@@ -213,6 +226,11 @@ impl Gpu {
         let bytes = staging.slice(..).get_mapped_range().expect("buffer is mapped").to_vec();
         bytemuck::pod_collect_to_vec(&bytes)
     }
+}
+
+/// The device, with all shader modules.
+pub fn gpu() -> Option<(&'static Gpu, Shaders)> {
+    Some((Gpu::new()?, Shaders::load()))
 }
 
 fn block_on<T>(future: impl Future<Output = T>) -> T {

@@ -1,10 +1,10 @@
 //! Haze of the atmosphere along a ray, against sums over many steps.
 
 use crate::{
-    compute::{READ, dispatch_with, entry, texture},
-    gpu::{Checks, Gpu},
+    compute::{READ, entry, texture},
+    gpu::Gpu,
     sampling::reference::Random,
-    wesl::flatten,
+    wesl::flatten_function,
 };
 use bevy::math::{DVec3, UVec2, Vec3, Vec4, uvec2, vec3};
 use bevy_glint::internals::{atmosphere::GpuAir, environment::GpuEnvironment};
@@ -51,25 +51,18 @@ import package::trace::aerial_perspective::ray_haze;
 
 struct Input { origin: vec3<f32>, length: f32, direction: vec3<f32>, unused: f32 }
 struct Output { added: vec4<f32>, kept: vec4<f32> }
-@group(0) @binding(0) var<storage, read> inputs: array<Input>;
-@group(0) @binding(1) var<storage, read_write> outputs: array<Output>;
 @group(0) @binding(2) var<storage, read> suns: array<vec4<f32>>;
 
-@compute @workgroup_size(64)
-fn main(@builtin(global_invocation_id) id: vec3<u32>) {
-    if id.x >= arrayLength(&outputs) {
-        return;
-    }
+fn output(i: Input) -> Output {
     scene.light_count = 2u;
-    for (var i = 0u; i < 2u; i++) {
-        lights[i].direction = suns[2u * i].xyz;
-        lights[i].color = suns[2u * i + 1u].xyz;
+    for (var sun = 0u; sun < 2u; sun++) {
+        lights[sun].direction = suns[2u * sun].xyz;
+        lights[sun].color = suns[2u * sun + 1u].xyz;
     }
-    let input = inputs[id.x];
     var surface: Surface;
-    surface.position = input.origin + input.direction * input.length;
-    let haze = ray_haze(surface, input.direction, input.length);
-    outputs[id.x] = Output(vec4(haze.added, 0.0), vec4(haze.kept, 0.0));
+    surface.position = i.origin + i.direction * i.length;
+    let haze = ray_haze(surface, i.direction, i.length);
+    return Output(vec4(haze.added, 0.0), vec4(haze.kept, 0.0));
 }
 ";
 
@@ -228,8 +221,7 @@ fn environment(distance: f32, layers: u32, samples: u32) -> GpuEnvironment {
 
 fn run(gpu: &Gpu, environment: &GpuEnvironment, inputs: &[Input]) -> Vec<Output> {
     let defs = ["ATMOSPHERIC", "AERIAL_PERSPECTIVE"].map(Into::into);
-    let pipeline = gpu.pipeline(&flatten(HAZE, &[OPAQUE, VIEW, SUNS], &defs), "main", Checks::Off);
-    let (input, output) = (gpu.buffer(inputs), gpu.buffer(&vec![Output::zeroed(); inputs.len()]));
+    let shader = flatten_function(HAZE, &[OPAQUE, VIEW, SUNS], &defs);
     let (surroundings, suns) = (gpu.buffer(core::slice::from_ref(environment)), gpu.buffer(&suns()));
     let tables = tables(gpu);
     let sampler = gpu.device.create_sampler(&wgpu::SamplerDescriptor {
@@ -237,20 +229,14 @@ fn run(gpu: &Gpu, environment: &GpuEnvironment, inputs: &[Input]) -> Vec<Output>
         min_filter: wgpu::FilterMode::Linear,
         ..Default::default()
     });
-    let own = [
-        entry(0, input.as_entire_binding()),
-        entry(1, output.as_entire_binding()),
-        entry(2, suns.as_entire_binding()),
-    ];
+    let own = [entry(2, suns.as_entire_binding())];
     let mut of_view = vec![
         entry(0, surroundings.as_entire_binding()),
         entry(4, wgpu::BindingResource::Sampler(&sampler)),
     ];
     let bound = [6, 11, 12, 13].into_iter().zip(&tables);
     of_view.extend(bound.map(|(binding, view)| entry(binding, wgpu::BindingResource::TextureView(view))));
-    let workgroups = uvec2(inputs.len().div_ceil(64) as u32, 1);
-    dispatch_with(gpu, &pipeline, &[&own, &[], &of_view], workgroups);
-    gpu.read(&output)
+    gpu.run_with(&shader, inputs, &own, &[&[], &of_view])
 }
 
 /// Light that the air of a ray scatters into it, and the fraction that it lets through.

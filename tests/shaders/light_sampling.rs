@@ -1,10 +1,6 @@
 //! Lights that hits draw bring the light of all of them, on a GPU or a CPU driver.
 
-use crate::{
-    gpu::{Checks, Gpu},
-    sampling::reference::Random,
-    wesl::flatten,
-};
+use crate::{compute::entry, gpu::Gpu, sampling::reference::Random, wesl::flatten_function};
 use bevy::math::{Vec2, Vec3, Vec4, vec3};
 use bevy_glint::internals::{
     gpu_types::{GpuLight, GpuSceneCounts, LIGHT_CASTS_SHADOW, LIGHT_DIRECTIONAL, LIGHT_POINT, LIGHT_RECT, LIGHT_SPOT},
@@ -21,13 +17,8 @@ import package::scene::surface::Surface;
 import package::scene::types::LIGHT_CASTS_SHADOW;
 
 struct Input { position: vec4<f32>, normal: vec4<f32>, view: vec4<f32>, numbers: vec4<f32> }
-@group(0) @binding(0) var<storage, read> inputs: array<Input>;
-@group(0) @binding(1) var<storage, read_write> outputs: array<vec4<f32>>;
 
-@compute @workgroup_size(64)
-fn main(@builtin(global_invocation_id) id: vec3<u32>) {
-    if id.x >= arrayLength(&outputs) { return; }
-    let i = inputs[id.x];
+fn output(i: Input) -> vec4<f32> {
     let normal = i.normal.xyz;
     let view = i.view.xyz;
     let lit = LitSurface(i.position.xyz, normal, view, reflect(-view, normal), max(dot(normal, view), 1e-4), i.normal.w,
@@ -37,8 +28,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     surface.normal = lit.normal;
     if i.numbers.z == 0.0 {
         seed_lights(i.numbers.xy);
-        outputs[id.x] = vec4(sampled_light(surface, lit), 0.0);
-        return;
+        return vec4(sampled_light(surface, lit), 0.0);
     }
     var sum = vec3(0.0);
     for (var index = scene.directional_light_count; index < scene.light_count; index++) {
@@ -47,7 +37,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
             sum += light_of(light, lit);
         }
     }
-    outputs[id.x] = vec4(sum, 0.0);
+    return vec4(sum, 0.0);
 }
 ";
 
@@ -176,16 +166,13 @@ fn measure(gpu: &Gpu, lights: &[GpuLight], defs: &[&'static str], samples: u32) 
         }));
     }
     let defs: Vec<_> = ["LIGHT_SAMPLING"].iter().chain(defs).map(|def| (*def).into()).collect();
-    let shader = flatten(SAMPLED, &[("scene/shadow.wesl", STRIPES)], &defs);
-    let pipeline = gpu.pipeline(&shader, "main", Checks::Off);
-    let (input, output) = (gpu.buffer(&inputs), gpu.buffer(&vec![Vec4::ZERO; inputs.len()]));
+    let shader = flatten_function(SAMPLED, &[("scene/shadow.wesl", STRIPES)], &defs);
     let (table, counts) = (gpu.buffer(tree.table()), gpu.buffer(&[counts]));
-    gpu.dispatch(
-        &pipeline,
-        &[&[(0, &input), (1, &output)], &[(3, &table), (4, &counts)]],
-        inputs.len().div_ceil(64) as u32,
-    );
-    let outputs: Vec<Vec4> = gpu.read(&output);
+    let scene = [
+        entry(3, table.as_entire_binding()),
+        entry(4, counts.as_entire_binding()),
+    ];
+    let outputs: Vec<Vec4> = gpu.run_with(&shader, &inputs, &[], &[&scene]);
     let (all, drawn) = outputs.split_at(hits.len());
     let means = drawn.chunks_exact(samples as usize).map(|samples| {
         assert!(

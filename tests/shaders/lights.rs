@@ -3,7 +3,7 @@
 use crate::{
     gpu::Gpu,
     sampling::reference::{Random, orthonormal_basis},
-    wesl::flatten,
+    wesl::flatten_function,
 };
 use bevy::math::{Vec3, Vec4, vec3};
 use bevy_glint::internals::gpu_types::{GpuLight, LIGHT_DIRECTIONAL, LIGHT_POINT, LIGHT_RECT, LIGHT_SPOT};
@@ -15,19 +15,14 @@ import package::scene::lights::{evaluate_light, is_in_reach, light_path, LitSurf
 import package::scene::types::Light;
 
 struct Input { light: Light, position: vec4<f32>, normal: vec4<f32>, view: vec4<f32>, color: vec4<f32> }
-@group(0) @binding(0) var<storage, read> inputs: array<Input>;
-@group(0) @binding(1) var<storage, read_write> outputs: array<vec4<f32>>;
 
-@compute @workgroup_size(64)
-fn main(@builtin(global_invocation_id) id: vec3<u32>) {
-    if id.x >= arrayLength(&outputs) { return; }
-    let i = inputs[id.x];
+fn output(i: Input) -> vec4<f32> {
     let normal = i.normal.xyz;
     let view = i.view.xyz;
     let lit = LitSurface(i.position.xyz, normal, view, reflect(-view, normal), max(dot(normal, view), 1e-4), i.normal.w,
         max(i.normal.w, i.position.w), i.color.xyz, vec3(i.color.w), vec2(i.view.w));
     let radiance = evaluate_light(i.light, lit, light_path(i.light, lit.position, normal));
-    outputs[id.x] = vec4(radiance, select(0.0, 1.0, is_in_reach(i.light, lit.position, normal)));
+    return vec4(radiance, select(0.0, 1.0, is_in_reach(i.light, lit.position, normal)));
 }
 ";
 
@@ -38,30 +33,19 @@ import package::scene::rect_lights::{rect_corners, rect_diffuse};
 import package::scene::types::Light;
 
 struct Input { light: Light, position: vec4<f32>, normal: vec4<f32>, view: vec4<f32>, color: vec4<f32> }
-@group(0) @binding(0) var<storage, read> inputs: array<Input>;
-@group(0) @binding(1) var<storage, read_write> outputs: array<vec4<f32>>;
 
-@compute @workgroup_size(64)
-fn main(@builtin(global_invocation_id) id: vec3<u32>) {
-    if id.x >= arrayLength(&outputs) { return; }
-    let i = inputs[id.x];
+fn output(i: Input) -> vec4<f32> {
     let diffuse = rect_diffuse(i.normal.xyz, i.position.xyz, rect_corners(i.light));
-    outputs[id.x] = vec4(i.color.xyz * diffuse, select(0.0, 1.0, is_in_reach(i.light, i.position.xyz, i.normal.xyz)));
+    return vec4(i.color.xyz * diffuse, select(0.0, 1.0, is_in_reach(i.light, i.position.xyz, i.normal.xyz)));
 }
 ";
 
 const PLACES: &str = "
 import package::scene::light_textures::light_texture_place;
 
-@group(0) @binding(0) var<storage, read> inputs: array<array<vec4<f32>, 2>>;
-@group(0) @binding(1) var<storage, read_write> outputs: array<vec4<f32>>;
-
-@compute @workgroup_size(64)
-fn main(@builtin(global_invocation_id) id: vec3<u32>) {
-    if id.x >= arrayLength(&outputs) { return; }
-    let i = inputs[id.x];
+fn output(i: array<vec4<f32>, 2>) -> vec4<f32> {
     let place = light_texture_place(u32(i[1].x), i[0].xyz, i[0].w);
-    outputs[id.x] = vec4(place.uv, place.outside, select(0.0, 1.0, place.inside));
+    return vec4(place.uv, place.outside, select(0.0, 1.0, place.inside));
 }
 ";
 
@@ -127,7 +111,7 @@ fn what_is_out_of_reach_gets_no_light() {
                 }
             })
             .collect();
-        let outputs: Vec<Vec4> = gpu.run(&flatten(LIT, &[], &[]), &inputs, &[]);
+        let outputs: Vec<Vec4> = gpu.run(&flatten_function(LIT, &[], &[]), &inputs, &[]);
         let [mut lit, mut spared] = [0; 2];
         for (input, output) in inputs.iter().zip(&outputs) {
             let (radiance, is_in_reach) = (output.truncate(), output.w == 1.0);
@@ -195,7 +179,7 @@ fn wider_highlights_have_the_same_light_and_less_noise() {
                     color: vec3(0.0, 0.0, 0.0).extend(0.04),
                 })
                 .collect();
-            let outputs: Vec<Vec4> = gpu.run(&flatten(LIT, &[], &[]), &inputs, &[]);
+            let outputs: Vec<Vec4> = gpu.run(&flatten_function(LIT, &[], &[]), &inputs, &[]);
             let values = outputs.iter().map(|output| f64::from(output.x));
             let mean = values.clone().sum::<f64>() / RAYS as f64;
             let square = values.map(|value| value * value).sum::<f64>() / RAYS as f64;
@@ -259,7 +243,8 @@ fn rectangles_give_the_light_of_their_area() {
             color: vec3(1.0, 0.5, 0.0).extend(0.0),
         });
     }
-    let outputs: Vec<Vec4> = gpu.run(&flatten(LIT_BY_RECT, &[], &["RECT_LIGHTS".into()]), &inputs, &[]);
+    let shader = flatten_function(LIT_BY_RECT, &[], &["RECT_LIGHTS".into()]);
+    let outputs: Vec<Vec4> = gpu.run(&shader, &inputs, &[]);
     for ((input, output), expected) in inputs.iter().zip(&outputs).zip(expected) {
         assert!(
             (output.x / expected - 1.0).abs() < 0.02,
@@ -326,7 +311,8 @@ fn textures_lie_before_their_lights() {
             expected.push(texture_place(kind, point, projection));
         }
     }
-    let outputs: Vec<Vec4> = gpu.run(&flatten(PLACES, &[], &["LIGHT_TEXTURES".into()]), &inputs, &[]);
+    let shader = flatten_function(PLACES, &[], &["LIGHT_TEXTURES".into()]);
+    let outputs: Vec<Vec4> = gpu.run(&shader, &inputs, &[]);
     let mut outside = 0;
     for ((input, output), expected) in inputs.iter().zip(&outputs).zip(expected) {
         assert_eq!((output.z, output.w), (expected.z, expected.w), "{input:?}");

@@ -3,7 +3,7 @@
 use crate::{
     compute::{READ, texture},
     gpu::Gpu,
-    wesl::flatten,
+    wesl::flatten_function,
 };
 use bevy::math::{Mat4, UVec2, Vec2, Vec3, Vec4, Vec4Swizzles, uvec2, vec2, vec3};
 use bytemuck::{Pod, Zeroable};
@@ -13,18 +13,13 @@ import package::trace::march::{is_end, march, screen_way};
 import package::trace::screen::ScreenView;
 
 struct Input { clip_from_world: mat4x4<f32>, origin: vec3<f32>, length: f32, direction: vec3<f32>, spread: f32, viewer: vec4<f32> }
-@group(0) @binding(0) var<storage, read> inputs: array<Input>;
-@group(0) @binding(1) var<storage, read_write> outputs: array<vec2<f32>>;
 
-@compute @workgroup_size(64)
-fn main(@builtin(global_invocation_id) id: vec3<u32>) {
-    if id.x >= arrayLength(&outputs) { return; }
-    let i = inputs[id.x];
+fn output(i: Input) -> vec2<f32> {
     let size = vec2(96u, 64u);
     let seen_by = ScreenView(i.viewer.xyz, vec3(0.0), false, size, i.spread);
     let way = screen_way(i.clip_from_world * vec4(i.origin, 1.0), i.clip_from_world * vec4(i.direction, 0.0), i.length, size);
     let t = march(i.origin, i.direction, way, seen_by);
-    outputs[id.x] = vec2(t, select(0.0, 1.0, t > 0.0 && is_end(way, t, size)));
+    return vec2(t, select(0.0, 1.0, t > 0.0 && is_end(way, t, size)));
 }
 ";
 
@@ -186,7 +181,7 @@ fn twin(input: &Input, seen: &[f32]) -> Option<f32> {
 
 /// What rays find on a screen with these distances.
 fn march(gpu: &Gpu, inputs: &[Input], seen: &[f32]) -> Vec<Vec2> {
-    let shader = flatten(ENTRY, &[], &["SCREEN_TRACES".into(), "SCREEN_MARCH".into()]);
+    let shader = flatten_function(ENTRY, &[], &["SCREEN_TRACES".into(), "SCREEN_MARCH".into()]);
     gpu.run(&shader, inputs, &[(SCREEN_BINDING, screen(gpu, seen))])
 }
 
@@ -287,20 +282,11 @@ fn what_is_no_number_finds_nothing() {
     let inputs: Vec<Input> = [f32::NAN, f32::INFINITY]
         .into_iter()
         .flat_map(|value| {
-            [
-                Input {
-                    origin: Vec3::splat(value),
-                    ..plain
-                },
-                Input {
-                    direction: Vec3::splat(value),
-                    ..plain
-                },
-                Input {
-                    clip_from_world: plain.clip_from_world * value,
-                    ..plain
-                },
-            ]
+            let mut inputs = [plain; 3];
+            inputs[0].origin = Vec3::splat(value);
+            inputs[1].direction = Vec3::splat(value);
+            inputs[2].clip_from_world *= value;
+            inputs
         })
         .collect();
     let outputs = march(gpu, &inputs, &seen);

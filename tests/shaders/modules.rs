@@ -214,45 +214,41 @@ fn has<const N: usize>(shaders: &mut Shaders, pass: &str, defs: &[&[&'static str
     names.map(|name| wgsl.contains(name))
 }
 
+/// With both tracers, passes with definitions of their own contain all of the names if `wanted` is defined, and else none.
+#[track_caller]
+fn assert_linked_on_request<const N: usize>(
+    passes: &[(&str, &[&'static str])],
+    wanted: &'static str,
+    names: [&str; N],
+) {
+    let mut shaders = Shaders::load();
+    for (pass, own) in passes {
+        for tracer in [&[][..], &["RAY_QUERY"]] {
+            let mut has_names = |more| has(&mut shaders, pass, &[own, tracer, more], names);
+            assert_eq!(has_names(&[]), [false; N], "{pass}");
+            assert_eq!(has_names(&[wanted]), [true; N], "{pass}");
+        }
+    }
+}
+
 /// A single bounce costs nothing: its shaders contain no code for more.
 #[test]
 fn bounces_are_linked_on_request() {
-    let mut shaders = Shaders::load();
     let passes: [(&str, &[&str]); 4] = [
         ("blocks", &["MIRRORS"]),
         ("shade", &[]),
         ("inline", &[]),
         ("converged", &[]),
     ];
-    for (pass, own) in passes {
-        for tracer in [&[][..], &["RAY_QUERY"]] {
-            let mut has_bounces = |more| {
-                has(
-                    &mut shaders,
-                    pass,
-                    &[own, tracer, more],
-                    ["path_radiance", "reflects_ray"],
-                )
-            };
-            assert_eq!(has_bounces(&[]), [false; 2], "{pass}");
-            assert_eq!(has_bounces(&["BOUNCES"]), [true; 2], "{pass}");
-        }
-    }
+    assert_linked_on_request(&passes, "BOUNCES", ["path_radiance", "reflects_ray"]);
 }
 
 /// Shading every hit costs nothing: its shaders neither bind the screen nor look for hits on it.
 #[test]
 fn the_screen_is_linked_on_request() {
-    let mut shaders = Shaders::load();
     let passes: [(&str, &[&str]); 3] = [("blocks", &[]), ("blocks", &["MIRRORS"]), ("shade", &["MIRRORS"])];
-    for (pass, own) in passes {
-        for tracer in [&[][..], &["RAY_QUERY"]] {
-            let names = ["shown_light", "screen_place", "@binding(15)"];
-            let mut has_screen = |more| has(&mut shaders, pass, &[own, tracer, more], names);
-            assert_eq!(has_screen(&[]), [false; 3], "{pass}");
-            assert_eq!(has_screen(&["SCREEN_TRACES"]), [true; 3], "{pass}");
-        }
-    }
+    let names = ["shown_light", "screen_place", "@binding(15)"];
+    assert_linked_on_request(&passes, "SCREEN_TRACES", names);
 }
 
 /// Haze costs nothing in scenes without an atmosphere: their shaders neither bind its medium nor contain its code, and rays that another

@@ -1,6 +1,6 @@
 //! The pixel of a block that traces, and the record of its ray, on a GPU or a CPU driver.
 
-use crate::{gpu::Gpu, wesl::flatten};
+use crate::{gpu::Gpu, wesl::flatten_function};
 use bevy::math::{UVec2, Vec3, Vec4, uvec2, vec3};
 use bevy_glint::internals::motion;
 use bytemuck::{Pod, Zeroable};
@@ -10,14 +10,9 @@ const CHOICES: &str = "
 import package::trace::selection::choose_offset;
 
 struct Input { log2_size: vec2<u32>, noise: f32, frame: u32, attempt: u32, padding: u32 }
-@group(0) @binding(0) var<storage, read> inputs: array<Input>;
-@group(0) @binding(1) var<storage, read_write> outputs: array<vec2<u32>>;
 
-@compute @workgroup_size(64)
-fn main(@builtin(global_invocation_id) id: vec3<u32>) {
-    if id.x >= arrayLength(&outputs) { return; }
-    let i = inputs[id.x];
-    outputs[id.x] = choose_offset(i.log2_size, i.noise, i.frame, i.attempt);
+fn output(i: Input) -> vec2<u32> {
+    return choose_offset(i.log2_size, i.noise, i.frame, i.attempt);
 }
 ";
 
@@ -32,7 +27,7 @@ struct Choice {
 }
 
 fn choose(gpu: &Gpu, choices: &[Choice]) -> Vec<UVec2> {
-    gpu.run(&flatten(CHOICES, &[], &[]), choices, &[])
+    gpu.run(&flatten_function(CHOICES, &[], &[]), choices, &[])
 }
 
 #[test]
@@ -98,15 +93,10 @@ const RECORDS: &str = "
 import package::trace::record::{RayRecord, pack_record, unpack_record};
 
 struct Record { direction: vec3<f32>, inverse_pdf: f32, offset: vec2<u32>, flags: vec2<u32> }
-@group(0) @binding(0) var<storage, read> inputs: array<Record>;
-@group(0) @binding(1) var<storage, read_write> outputs: array<Record>;
 
-@compute @workgroup_size(64)
-fn main(@builtin(global_invocation_id) id: vec3<u32>) {
-    if id.x >= arrayLength(&outputs) { return; }
-    let i = inputs[id.x];
+fn output(i: Record) -> Record {
     let r = unpack_record(pack_record(RayRecord(i.flags.x != 0u, i.flags.y != 0u, i.direction, i.inverse_pdf, i.offset)));
-    outputs[id.x] = Record(r.direction, r.inverse_pdf, r.offset, vec2(u32(r.valid), u32(r.mirror)));
+    return Record(r.direction, r.inverse_pdf, r.offset, vec2(u32(r.valid), u32(r.mirror)));
 }
 ";
 
@@ -142,7 +132,7 @@ fn records_keep_what_they_are_given() {
             flags: uvec2(u32::from(i % 5 != 4), u32::from(i % 3 == 0)),
         });
     }
-    let outputs: Vec<Record> = gpu.run(&flatten(RECORDS, &[], &[]), &inputs, &[]);
+    let outputs: Vec<Record> = gpu.run(&flatten_function(RECORDS, &[], &[]), &inputs, &[]);
     for (input, output) in inputs.iter().zip(&outputs) {
         assert_eq!(output.flags.x, input.flags.x, "{input:?} {output:?}");
         if input.flags.x == 0 {
@@ -162,18 +152,12 @@ fn records_keep_what_they_are_given() {
 const VECTORS: &str = "
 import package::common::packed_vector::{pack_vector, unpack_vector};
 
-@group(0) @binding(0) var<storage, read> inputs: array<vec4<u32>>;
-@group(0) @binding(1) var<storage, read_write> outputs: array<vec4<f32>>;
-
-@compute @workgroup_size(64)
-fn main(@builtin(global_invocation_id) id: vec3<u32>) {
-    if id.x >= arrayLength(&outputs) { return; }
-    let input = inputs[id.x];
+fn output(i: vec4<u32>) -> vec4<f32> {
     // The CPU's word, and the vector that the GPU packs by itself.
-    if input.w != 0u {
-        outputs[id.x] = vec4(unpack_vector(input.x), 0.0);
+    if i.w != 0u {
+        return vec4(unpack_vector(i.x), 0.0);
     } else {
-        outputs[id.x] = vec4(unpack_vector(pack_vector(bitcast<vec3<f32>>(input.xyz))), 0.0);
+        return vec4(unpack_vector(pack_vector(bitcast<vec3<f32>>(i.xyz))), 0.0);
     }
 }
 ";
@@ -193,7 +177,7 @@ fn vectors_in_a_word_are_the_same_on_both_sides() {
         .flat_map(|v| [v.to_array().map(f32::to_bits), [motion::pack_vector(*v), 0, 0]].map(|[x, y, z]| [x, y, z, 0]))
         .collect();
     inputs.iter_mut().skip(1).step_by(2).for_each(|word| word[3] = 1);
-    let outputs: Vec<Vec4> = gpu.run(&flatten(VECTORS, &[], &[]), &inputs, &[]);
+    let outputs: Vec<Vec4> = gpu.run(&flatten_function(VECTORS, &[], &[]), &inputs, &[]);
     for (v, both) in vectors.iter().zip(outputs.chunks_exact(2)) {
         let limit = v.abs().max_element() / 255.0;
         for unpacked in both {

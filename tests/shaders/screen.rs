@@ -1,6 +1,6 @@
 //! The place of a hit on the screen of the last frame, against a twin in Rust.
 
-use crate::{gpu::Gpu, wesl::flatten};
+use crate::{gpu::Gpu, wesl::flatten_function};
 use bevy::math::{Mat4, UVec2, Vec2, Vec3, Vec4, Vec4Swizzles, uvec2, vec2, vec3};
 use bytemuck::{Pod, Zeroable};
 
@@ -12,16 +12,11 @@ struct Input {
     padding: u32, back: vec3<f32>, more_padding: u32, size: vec2<u32>, padding_of_size: vec2<u32>,
 }
 struct Output { place: vec2<f32>, valid: u32, padding: u32, distance: f32, tolerance: f32, more_padding: vec2<u32> }
-@group(0) @binding(0) var<storage, read> inputs: array<Input>;
-@group(0) @binding(1) var<storage, read_write> outputs: array<Output>;
 
-@compute @workgroup_size(64)
-fn main(@builtin(global_invocation_id) id: vec3<u32>) {
-    if id.x >= arrayLength(&outputs) { return; }
-    let i = inputs[id.x];
+fn output(i: Input) -> Output {
     let seen_by = ScreenView(i.viewer, i.back, i.orthographic != 0u, i.size, i.spread);
     let place = screen_place(i.clip_from_world * vec4(i.position, 1.0), i.position, i.normal, seen_by);
-    outputs[id.x] = Output(place.place, u32(place.valid), 0u, place.distance, place.tolerance, vec2(0u));
+    return Output(place.place, u32(place.valid), 0u, place.distance, place.tolerance, vec2(0u));
 }
 ";
 
@@ -149,7 +144,7 @@ fn hits_are_found_where_the_viewer_saw_them() {
             )
         })
         .collect();
-    let outputs: Vec<Output> = gpu.run(&flatten(ENTRY, &[], &[]), &inputs, &[]);
+    let outputs: Vec<Output> = gpu.run(&flatten_function(ENTRY, &[], &[]), &inputs, &[]);
     let mut valid = 0;
     for (input, output) in inputs.iter().zip(&outputs) {
         let (expected, margin) = twin(input);
@@ -196,7 +191,7 @@ fn tolerances_hold_a_pixel_of_a_plane() {
             view
         })
         .collect();
-    let outputs: Vec<Output> = gpu.run(&flatten(ENTRY, &[], &[]), &inputs, &[]);
+    let outputs: Vec<Output> = gpu.run(&flatten_function(ENTRY, &[], &[]), &inputs, &[]);
     let mut tested = 0;
     for ((input, output), (pixel, distance)) in inputs.iter().zip(&outputs).zip(centers) {
         if output.valid == 0 {
@@ -215,27 +210,15 @@ fn what_is_no_number_is_seen_nowhere() {
     let Some(gpu) = Gpu::new() else { return };
     let plain = input(false, Vec3::ZERO, Vec3::NEG_Z, vec3(0.0, 0.0, -2.0), Vec3::Z);
     let nan = |value: f32| {
-        [
-            Input {
-                position: vec3(value, 0.0, -2.0),
-                ..plain
-            },
-            Input {
-                normal: vec3(0.0, 0.0, -value),
-                ..plain
-            },
-            Input {
-                clip_from_world: plain.clip_from_world * value,
-                ..plain
-            },
-            Input {
-                position: plain.viewer,
-                ..plain
-            },
-        ]
+        let mut inputs = [plain; 4];
+        inputs[0].position = vec3(value, 0.0, -2.0);
+        inputs[1].normal = vec3(0.0, 0.0, -value);
+        inputs[2].clip_from_world *= value;
+        inputs[3].position = plain.viewer;
+        inputs
     };
     let inputs = [&[plain][..], &nan(f32::NAN), &nan(f32::INFINITY)].concat();
-    let outputs: Vec<Output> = gpu.run(&flatten(ENTRY, &[], &[]), &inputs, &[]);
+    let outputs: Vec<Output> = gpu.run(&flatten_function(ENTRY, &[], &[]), &inputs, &[]);
     assert_eq!((outputs[0].valid, outputs[0].place), (1, SIZE.as_vec2() / 2.0));
     for (input, output) in inputs.iter().zip(&outputs).skip(1) {
         assert_eq!(output.valid, 0, "{input:?}");

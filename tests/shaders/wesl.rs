@@ -296,6 +296,30 @@ pub fn flatten(entry: &str, replaced: &[(&str, &str)], defs: &[ShaderDefVal]) ->
         .unwrap_or_else(|error| panic!("{error}"))
 }
 
+/// Like [`flatten`], of a module with `fn output(i: Input) -> Output`, for any types: `main` is a kernel for `Gpu::run`, which calls the
+/// function for each input.
+pub fn flatten_function(module: &str, replaced: &[(&str, &str)], defs: &[ShaderDefVal]) -> String {
+    let types = module.split_once("fn output(i: ").and_then(|(_, rest)| {
+        let (input, rest) = rest.split_once(") -> ")?;
+        Some((input, rest.split_once(" {")?.0))
+    });
+    let (input, output) = types.expect("the module has a function from an input to an output");
+    let entry = format!(
+        "{module}
+@group(0) @binding(0) var<storage, read> inputs: array<{input}>;
+@group(0) @binding(1) var<storage, read_write> outputs: array<{output}>;
+
+@compute @workgroup_size(64)
+fn main(@builtin(global_invocation_id) id: vec3<u32>) {{
+    if id.x < arrayLength(&outputs) {{
+        outputs[id.x] = output(inputs[id.x]);
+    }}
+}}
+"
+    );
+    flatten(&entry, replaced, defs)
+}
+
 #[test]
 #[ignore = "long: links every variant twice"]
 fn definitions_that_no_module_names_change_nothing() {

@@ -5,6 +5,7 @@ mod rare_light;
 mod reflected_light;
 
 use crate::{
+    bounces::set_bounces,
     common::{app, app_with},
     pictures::{
         apps, apps_of_both, assert_flip, dump, flip, picture_app, reflect, spawn, use_coarse_shadow_maps, warm_up,
@@ -161,7 +162,8 @@ fn a_white_furnace_stays_white() {
             _ => &[1, 2, 4, 8],
         };
         for max_bounces in bounces {
-            set_bounces(&mut app, camera, *max_bounces);
+            // Hits of all roughnesses reflect.
+            set_bounces(&mut app, camera, *max_bounces, 1.0);
             app.step(16);
             assert_white(&app, &format!("{tracer:?}, {max_bounces} bounces"));
         }
@@ -201,17 +203,6 @@ fn assert_white(app: &HeadlessApp, name: &str) {
             );
         }
     }
-}
-
-/// Has hits of all roughnesses reflect.
-fn set_bounces(app: &mut HeadlessApp, camera: Entity, max_bounces: u32) {
-    let mut settings = app.world().get_mut::<RayTracedReflections>(camera).unwrap();
-    settings.max_bounces = max_bounces;
-    settings.bounce_roughness_cutoff = 1.0;
-    // The report is one frame old.
-    app.step(2);
-    warm_up(app);
-    app.world().get_mut::<RayTracedReflections>(camera).unwrap().reset = true;
 }
 
 /// Bevy's path tracer agrees if one bounce is enough.
@@ -288,7 +279,7 @@ fn both_tracers_show_the_same_picture() {
         app.world().resource_mut::<Time<Virtual>>().pause();
         app.step(16);
         let one = app.capture().unwrap();
-        set_bounces(&mut app, camera, 3);
+        set_bounces(&mut app, camera, 3, 1.0);
         app.step(16);
         pictures_of_both.push([one, app.capture().unwrap()]);
     }

@@ -4,8 +4,7 @@
 
 use crate::{
     common::app,
-    pictures::warm_up,
-    stage::{spawn_mesh, unlit_color},
+    stage::{begin_anew, spawn_mesh, unlit_color},
 };
 use bevy::{
     asset::RenderAssetUsages,
@@ -128,12 +127,7 @@ impl Scene {
         settings.roughness_cutoff = 1.0;
         change(&mut settings);
         self.app.world().entity_mut(self.camera).insert((settings, heuristic));
-        warm_up(&mut self.app);
-        self.app
-            .world()
-            .get_mut::<RayTracedReflections>(self.camera)
-            .unwrap()
-            .reset = true;
+        begin_anew(&mut self.app, self.camera);
     }
 
     fn place(&mut self, time: f32) {

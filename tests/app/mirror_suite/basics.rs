@@ -139,43 +139,35 @@ pub(super) const ROWS: [Row; 32] = [
         stage.turn_a_back(blue());
     }),
     ("lightmap", |stage| {
-        let image = stage.checkers([255, 150, 40, 255], [20, 60, 200, 255], true);
-        stage.spawn(StandardMaterial {
+        stage.spawn_baked(StandardMaterial {
             metallic: 0.3,
             lightmap_exposure: 2000.0,
             ..blue()
         });
-        stage.bake(&image);
     }),
     ("lightmap on a colour above 1", |stage| {
-        let image = stage.checkers([255, 150, 40, 255], [20, 60, 200, 255], true);
-        stage.spawn(StandardMaterial {
+        stage.spawn_baked(StandardMaterial {
             base_color: Color::linear_rgb(0.3, 2.5, 1.6),
             lightmap_exposure: 500.0,
             ..blue()
         });
-        stage.bake(&image);
     }),
     ("lightmap on a deferred surface that transmits light", |stage| {
-        let image = stage.checkers([255, 150, 40, 255], [20, 60, 200, 255], true);
-        stage.spawn(StandardMaterial {
+        stage.spawn_baked(StandardMaterial {
             diffuse_transmission: 0.7,
             opaque_render_method: OpaqueRendererMethod::Deferred,
             lightmap_exposure: 2000.0,
             ..blue()
         });
-        stage.bake(&image);
     }),
     ("lightmap on a premultiplied surface", |stage| {
         stage.show_layers();
-        let image = stage.checkers([255, 150, 40, 255], [20, 60, 200, 255], true);
-        stage.spawn(StandardMaterial {
+        stage.spawn_baked(StandardMaterial {
             base_color: Color::linear_rgba(0.1, 0.3, 0.8, 0.5),
             alpha_mode: AlphaMode::Premultiplied,
             lightmap_exposure: 2000.0,
             ..blue()
         });
-        stage.bake(&image);
     }),
     ("coloured glass", |stage| {
         // Rough glass blurs the surfaces behind it, and reflects: in Bevy's image only.

@@ -68,11 +68,7 @@ pub(super) const ROWS: [Row; 11] = [
     ("reflection probes", |stage| {
         stage.surround();
         stage.spawn(polished());
-        stage.add_probe(
-            Transform::from_xyz(-1.0, 0.5, 9.0).with_scale(Vec3::splat(8.0)),
-            0,
-            Quat::IDENTITY,
-        );
+        stage.add_probe(cube_around(-1.0, 0.5, 8.0), 0, Quat::IDENTITY);
         let turned = Transform::from_xyz(2.5, 0.0, 9.0).with_rotation(Quat::from_rotation_y(0.4));
         stage.add_probe(
             turned.with_scale(Vec3::new(7.0, 9.0, 8.0)),
@@ -82,25 +78,17 @@ pub(super) const ROWS: [Row; 11] = [
     }),
     ("a reflection probe without parallax", |stage| {
         stage.spawn(polished());
-        stage.add_probe(
-            Transform::from_xyz(0.0, 0.0, 9.0).with_scale(Vec3::splat(40.0)),
-            3,
-            Quat::IDENTITY,
-        );
+        stage.add_probe(cube_around(0.0, 0.0, 40.0), 3, Quat::IDENTITY);
         stage.dress_last(ParallaxCorrection::None);
     }),
     ("clearcoat in a reflection probe", |stage| {
         stage.spawn(lacquer());
-        stage.add_probe(
-            Transform::from_xyz(0.0, 0.0, 9.0).with_scale(Vec3::splat(12.0)),
-            0,
-            Quat::IDENTITY,
-        );
+        stage.add_probe(cube_around(0.0, 0.0, 12.0), 0, Quat::IDENTITY);
     }),
     ("irradiance volumes", |stage| {
         stage.surround();
         stage.spawn(blue());
-        stage.add_volume(Transform::from_xyz(0.0, 0.0, 9.0).with_scale(Vec3::splat(44.0)), 0);
+        stage.add_volume(cube_around(0.0, 0.0, 44.0), 0);
         let turned = Transform::from_xyz(0.5, 0.0, 9.0).with_rotation(Quat::from_rotation_z(0.4));
         stage.add_volume(turned.with_scale(Vec3::new(6.0, 9.0, 8.0)), 3);
     }),
@@ -115,6 +103,11 @@ pub(super) const ROWS: [Row; 11] = [
         stage.move_to_layers(&[0, 1]);
     }),
 ];
+
+/// The place of a cube of light around the objects, `size` metres wide.
+fn cube_around(x: f32, y: f32, size: f32) -> Transform {
+    Transform::from_xyz(x, y, 9.0).with_scale(Vec3::splat(size))
+}
 
 fn lacquer() -> StandardMaterial {
     StandardMaterial {

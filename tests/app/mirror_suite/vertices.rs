@@ -4,7 +4,7 @@ use super::{LEVELS, LIMIT, Stage, blue};
 use crate::{
     common::app_with,
     pictures::{any_tracer, differing_pixels, dump, flip, warm_up},
-    stage::{SIZE, add, frame, metal, report, set_shader, spawn_camera, spawn_mesh, spawn_of},
+    stage::{SIZE, add, denoised, frame, metal, report, set_shader, spawn_camera, spawn_mesh, spawn_of},
 };
 use bevy::{
     asset::uuid_handle,
@@ -291,13 +291,11 @@ fn a_rough_floor_under_swaying_sheets_keeps_its_quality() {
     insert_shader(&mut app);
     let trace = |app: &mut HeadlessApp, technique, frames| {
         app.world().entity_mut(camera).insert(RayTracedReflections {
-            technique,
-            roughness_cutoff: 1.0,
             denoiser: ReflectionDenoiser {
                 converge_static_views: false,
                 ..default()
             },
-            ..default()
+            ..denoised(technique)
         });
         app.step(frames);
         app.capture().unwrap()

@@ -98,9 +98,7 @@ fn reflections_on_glass_show_what_rays_do_not_see() {
 /// If rays see everything on the screen, the march finds nothing before their hits.
 #[test]
 fn what_rays_see_is_theirs() {
-    let Some(mut stage) = Stage::new(ReflectionTracerChoice::Bvh, metal(0.0)) else {
-        return;
-    };
+    let Some(mut stage) = Stage::smooth() else { return };
     reflect(&mut stage.app, stage.camera, ReflectionTechnique::Reference);
     let [reused, marched] = [ScreenTraces::Reuse, ScreenTraces::March].map(|traces| stage.capture(traces));
     dump("march-seen", SIZE, &reused, &marched);

@@ -6,7 +6,7 @@ use crate::{
     sampling::reference::{
         Random, close, fresnel_schlick, guard_view, sample_reflection, specular_f90, specular_lobe, view_at,
     },
-    wesl::flatten,
+    wesl::flatten_function,
 };
 use bevy::math::{Quat, Vec3, Vec4, ivec2, uvec2, vec3, vec4};
 use std::collections::{BTreeMap, HashSet};
@@ -16,19 +16,13 @@ import package::denoise::neighbours::{
     gradient_noise, neighbour_shift, neighbour_sign, neighbour_step, neighbour_steps, neighbour_turn, places_within
 };
 
-@group(0) @binding(0) var<storage, read> inputs: array<vec4<u32>>;
-@group(0) @binding(1) var<storage, read_write> outputs: array<vec4<f32>>;
-
-@compute @workgroup_size(64)
-fn main(@builtin(global_invocation_id) id: vec3<u32>) {
-    if id.x >= arrayLength(&outputs) { return; }
-    let i = inputs[id.x];
+fn output(i: vec4<u32>) -> vec4<f32> {
     if i.w == 0u {
         let step = neighbour_sign(i.y) * neighbour_step(neighbour_steps(i.y), i.x);
-        outputs[id.x] = vec4(f32(step), f32(places_within(f32(i.z) - 0.5)), f32(places_within(f32(i.z))), 0.0);
+        return vec4(f32(step), f32(places_within(f32(i.z) - 0.5)), f32(places_within(f32(i.z))), 0.0);
     } else {
         let shift = neighbour_shift(i.xy, i.z, vec2(i.w - 1u, 2u));
-        outputs[id.x] = vec4(f32(neighbour_turn(i.xy, i.z)), gradient_noise(i.xy, i.z), vec2<f32>(shift));
+        return vec4(f32(neighbour_turn(i.xy, i.z)), gradient_noise(i.xy, i.z), vec2<f32>(shift));
     }
 }
 ";
@@ -40,7 +34,7 @@ fn four_sets_cover_the_neighbourhood_once() {
     let inputs: Vec<[u32; 4]> = (0..4)
         .flat_map(|turn| (0..NEIGHBOURS).map(move |index| [index, turn, squared(index, turn) as u32, 0]))
         .collect();
-    let outputs: Vec<Vec4> = gpu.run(&flatten(PLACES, &[], &[]), &inputs, &[]);
+    let outputs: Vec<Vec4> = gpu.run(&flatten_function(PLACES, &[], &[]), &inputs, &[]);
     let mut taken = HashSet::new();
     for (&[index, turn, ..], output) in inputs.iter().zip(&outputs) {
         let offset = neighbour_offset(index, turn);
@@ -79,7 +73,7 @@ fn the_pixels_of_a_quad_take_different_sets() {
             }
         }
     }
-    let outputs: Vec<Vec4> = gpu.run(&flatten(PLACES, &[], &[]), &inputs, &[]);
+    let outputs: Vec<Vec4> = gpu.run(&flatten_function(PLACES, &[], &[]), &inputs, &[]);
     let mut turns = BTreeMap::<_, u32>::new();
     let mut first = [0u32; 4];
     for (&[x, y, frame, log2], output) in inputs.iter().zip(&outputs) {
@@ -107,17 +101,12 @@ struct Input {
     view: vec3<f32>, alpha: f32, direction: vec3<f32>, inverse_pdf: f32,
     f0: vec3<f32>, f90: f32, wide: f32, limit: f32, cap: f32, spacing: f32,
 }
-@group(0) @binding(0) var<storage, read> inputs: array<Input>;
-@group(0) @binding(1) var<storage, read_write> outputs: array<array<vec4<f32>, 2>>;
 
-@compute @workgroup_size(64)
-fn main(@builtin(global_invocation_id) id: vec3<u32>) {
-    if id.x >= arrayLength(&outputs) { return; }
-    let i = inputs[id.x];
+fn output(i: Input) -> array<vec4<f32>, 2> {
     let shape = lobe_shape(guard_view(i.view), i.alpha);
     let weight = sample_weight(shape, i.f0, i.f90, i.direction, i.inverse_pdf, i.wide, i.limit);
     let widened = widened_inverse_pdf(i.inverse_pdf, i.alpha, i.wide, i.cap);
-    outputs[id.x] = array(vec4(weight, widened), vec4(shape.cap, footprint_alpha(i.wide, i.spacing), 0.0, 0.0));
+    return array(vec4(weight, widened), vec4(shape.cap, footprint_alpha(i.wide, i.spacing), 0.0, 0.0));
 }
 ";
 
@@ -138,7 +127,7 @@ fn weight_input(view: Vec3, alpha: f32, direction: Vec3, inverse_pdf: f32, limit
 }
 
 fn weights(gpu: &Gpu, inputs: &[WeightInput]) -> Vec<[Vec4; 2]> {
-    gpu.run(&flatten(WEIGHTS, &[], &[]), inputs, &[])
+    gpu.run(&flatten_function(WEIGHTS, &[], &[]), inputs, &[])
 }
 
 #[test]
@@ -271,15 +260,9 @@ fn widened_lobes_fall_off_by_their_width() {
 const ROUNDING: &str = "
 import package::denoise::filters::{round_to_half, shading_tag};
 
-@group(0) @binding(0) var<storage, read> inputs: array<vec4<u32>>;
-@group(0) @binding(1) var<storage, read_write> outputs: array<vec4<f32>>;
-
-@compute @workgroup_size(64)
-fn main(@builtin(global_invocation_id) id: vec3<u32>) {
-    if id.x >= arrayLength(&outputs) { return; }
-    let i = inputs[id.x];
+fn output(i: vec4<u32>) -> vec4<f32> {
     let rounded = round_to_half(vec4(bitcast<f32>(i.x)), vec4(0u, i.y, i.y, 0x1fffu));
-    outputs[id.x] = vec4(rounded.xyw, f32(shading_tag(i.z)));
+    return vec4(rounded.xyw, f32(shading_tag(i.z)));
 }
 ";
 
@@ -295,7 +278,7 @@ fn rounding_keeps_the_mean() {
         .flat_map(|value| [value.to_bits(); COUNT])
         .map(|bits| [bits, number(), number() | (number() << 16), 0])
         .collect();
-    let outputs: Vec<Vec4> = gpu.run(&flatten(ROUNDING, &[], &[]), &inputs, &[]);
+    let outputs: Vec<Vec4> = gpu.run(&flatten_function(ROUNDING, &[], &[]), &inputs, &[]);
     for ((value, inputs), outputs) in values.iter().zip(inputs.chunks(COUNT)).zip(outputs.chunks(COUNT)) {
         let mut sum = 0.0;
         for (input, output) in inputs.iter().zip(outputs) {
@@ -324,16 +307,11 @@ import package::denoise::filters::{
 import package::common::radiance::luminance;
 import package::denoise::lobes::{image_angle, is_sharp, normal_weight, place_weight, place_width, reconnection_jacobian};
 
-@group(0) @binding(0) var<storage, read> inputs: array<array<vec4<f32>, 4>>;
-@group(0) @binding(1) var<storage, read_write> outputs: array<array<vec4<f32>, 13>>;
-
-@compute @workgroup_size(64)
-fn main(@builtin(global_invocation_id) id: vec3<u32>) {
-    if id.x >= arrayLength(&outputs) { return; }
-    let a = inputs[id.x][0];
-    let b = inputs[id.x][1];
-    let c = inputs[id.x][2];
-    let d = inputs[id.x][3];
+fn output(i: array<vec4<f32>, 4>) -> array<vec4<f32>, 13> {
+    let a = i[0];
+    let b = i[1];
+    let c = i[2];
+    let d = i[3];
     let clipped = clip_to_box(a.xyz, b.xyz, c.xyz);
     let likely = likely_history(a.x, a.y, b.xyz, c.xyz, a.z, a.w, 0.5 + d.x);
     let surface = unpack_surface(pack_surface(normalize(b.xyz - 0.5), d.x, 0xa5u));
@@ -343,7 +321,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         same_roughness(d.x, d.y),
         surface.tag == 0xa5u,
     );
-    outputs[id.x] = array(
+    return array(
         vec4(ycocg(a.xyz), luminance(a.xyz)),
         vec4(rgb_of_ycocg(ycocg(a.xyz)), expected_spread(a.x, a.y, a.w, d.y, d.z, d.x)),
         vec4(clipped.color, clipped.keep),
@@ -368,7 +346,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
 ";
 
 fn filters(gpu: &Gpu, inputs: &[[Vec4; 4]]) -> Vec<[Vec4; 13]> {
-    gpu.run(&flatten(FILTERS, &[], &[]), inputs, &[])
+    gpu.run(&flatten_function(FILTERS, &[], &[]), inputs, &[])
 }
 
 fn filters_twin([a, b, c, d]: [Vec4; 4]) -> [Vec4; 13] {

@@ -1,9 +1,7 @@
 //! Reconstruction and accumulation in one pass equal two passes.
 
-use super::{
-    passes::gpu,
-    wall::{History, Ray, VIRTUAL_HISTORY, Wall, unhalf},
-};
+use super::wall::{History, Ray, VIRTUAL_HISTORY, Wall, unhalf};
+use crate::gpu::gpu;
 use bevy::math::{UVec2, uvec2};
 
 /// Pixels of a workgroup in each direction.

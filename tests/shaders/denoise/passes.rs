@@ -5,7 +5,7 @@ use super::{
     wall::{History, Ray, Reconstructed, VIRTUAL_HISTORY, Wall, distance_bits, half, unhalf},
 };
 use crate::{
-    gpu::Gpu,
+    gpu::{Gpu, gpu},
     sampling::reference::{
         ReflectionSample, reflection_pdf, reflection_throughput, sobol, specular_f90, specular_lobe,
     },
@@ -13,10 +13,6 @@ use crate::{
 };
 use bevy::math::{UVec2, Vec3, uvec2, vec2};
 use bevy_glint::internals::directional_albedo::DirectionalAlbedo;
-
-pub fn gpu() -> Option<(&'static Gpu, Shaders)> {
-    Some((Gpu::new()?, Shaders::load()))
-}
 
 #[test]
 fn a_white_furnace_stays_white() {
@@ -269,15 +265,20 @@ fn what_stands_where_nothing_was_traced_is_not_looked_at() {
 /// Packed weight of ordinary rays.
 pub const AS_EXPECTED: f32 = 8.0;
 
+/// White light of something four metres away.
+fn texel(value: f32, variance: f32, packed_weight: f32) -> Reconstructed {
+    Reconstructed {
+        radiance: [value; 3],
+        variance,
+        distance: 4.0,
+        packed_weight,
+    }
+}
+
 /// A new image with a little noise.
 pub fn image(wall: &Wall, value: f32, frame: u32) -> Vec<Reconstructed> {
     let noise = |pixel: UVec2| 0.02 * ((pixel.x * 7 + pixel.y * 13 + frame * 5) % 11) as f32 / 10.0;
-    let texel = |pixel| Reconstructed {
-        radiance: [value * (0.99 + noise(pixel)); 3],
-        variance: 0.01,
-        distance: 4.0,
-        packed_weight: AS_EXPECTED,
-    };
+    let texel = |pixel| texel(value * (0.99 + noise(pixel)), 0.01, AS_EXPECTED);
     wall.pixels().map(texel).collect()
 }
 
@@ -489,12 +490,7 @@ fn a_picture_at_rest_keeps_rare_light() {
     // Each pixel sees the lamp in four of 64 frames.
     let mean = mean_at_rest(|pixel, frame| {
         let is_seen = sobol(pixel, frame, 3).x < 1.0 / 16.0;
-        Reconstructed {
-            radiance: [if is_seen { 16.0 } else { 0.0 }; 3],
-            variance: 1.0,
-            distance: 4.0,
-            packed_weight: AS_EXPECTED,
-        }
+        texel(if is_seen { 16.0 } else { 0.0 }, 1.0, AS_EXPECTED)
     });
     let Some(mean) = mean else { return };
     assert!((mean - 1.0).abs() < 0.01, "{mean}");
@@ -506,12 +502,7 @@ fn frames_at_rest_count_by_their_weight() {
     let frames = [(4.0, 3.2), (1.0, AS_EXPECTED)];
     let mean = mean_at_rest(|_, frame| {
         let (value, packed_weight) = frames[frame as usize % 2];
-        Reconstructed {
-            radiance: [value; 3],
-            variance: 1.0,
-            distance: 4.0,
-            packed_weight,
-        }
+        texel(value, 1.0, packed_weight)
     });
     let Some(mean) = mean else { return };
     // The first frame has no history, and counts as one.
@@ -545,12 +536,7 @@ fn static_views_keep_light_that_few_rays_find() {
 
 /// A young history of light from `seen`, with unknown noise.
 fn noisy_history(wall: &Wall, gpu: &Gpu, shaders: &mut Shaders, seen: impl Fn(UVec2) -> f32) -> History {
-    let texel = |pixel| Reconstructed {
-        radiance: [seen(pixel); 3],
-        variance: 4.0,
-        distance: 4.0,
-        packed_weight: 8.0,
-    };
+    let texel = |pixel| texel(seen(pixel), 4.0, 8.0);
     let texels: Vec<_> = wall.pixels().map(texel).collect();
     wall.accumulate(gpu, shaders, &texels, &wall.no_history())
 }

@@ -1,9 +1,10 @@
 //! Pixels without rays in a frame: in resting tiles, and between the rays of mirrors.
 
 use super::{
-    passes::{AS_EXPECTED, gpu, image, lengths, mean},
+    passes::{AS_EXPECTED, image, lengths, mean},
     wall::{Wall, distance_bits, unhalf},
 };
+use crate::gpu::gpu;
 use bevy::math::uvec2;
 
 /// Packed weight of pixels that only neighbours have rays for.

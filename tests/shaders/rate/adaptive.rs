@@ -9,9 +9,8 @@ use super::{
 };
 use crate::{
     denoise::wall::{half, unhalf},
-    gpu::Gpu,
+    gpu::gpu,
     sampling::reference::pcg,
-    wesl::Shaders,
 };
 use bevy::math::{UVec2, Vec2, Vec3, Vec4Swizzles, uvec2, vec2, vec4};
 use bevy_glint::{AdaptiveThresholds, ShadingRate, ShadingRateHeuristic, internals::RATE_ACTIVE};
@@ -262,8 +261,7 @@ fn check(case: &Case, target: f32, output: &Output) -> BTreeMap<String, usize> {
 
 #[test]
 fn adaptive_decides_as_on_the_cpu() {
-    let Some(gpu) = Gpu::new() else { return };
-    let mut shaders = Shaders::load();
+    let Some((gpu, mut shaders)) = gpu() else { return };
     let thresholds = AdaptiveThresholds::default();
     let mut found: BTreeMap<String, usize> = BTreeMap::new();
     for (seed, (size, origin, tile_size, flags)) in [
@@ -292,8 +290,7 @@ fn adaptive_decides_as_on_the_cpu() {
 /// After a cut there is no past: all rays, and all help of neighbours.
 #[test]
 fn without_a_past_all_tiles_get_all_rays() {
-    let Some(gpu) = Gpu::new() else { return };
-    let mut shaders = Shaders::load();
+    let Some((gpu, mut shaders)) = gpu() else { return };
     let frame = Frame::random(uvec2(160, 96), 3);
     let mut case = Case::new(frame, ShadingRateHeuristic::Adaptive(AdaptiveThresholds::default()));
     (case.tile_size, case.flags) = (8, 0);

@@ -7,7 +7,7 @@ mod reference;
 mod vrs;
 
 use crate::{
-    gpu::{Checks, Gpu},
+    gpu::{Checks, Gpu, gpu},
     wesl::{self, Shaders},
 };
 use bevy::{
@@ -188,8 +188,7 @@ fn cases(heuristic: &ShadingRateHeuristic) -> Vec<Case> {
 }
 
 fn check_built_in(heuristics: &[ShadingRateHeuristic]) {
-    let Some(gpu) = Gpu::new() else { return };
-    let mut shaders = Shaders::load();
+    let Some((gpu, mut shaders)) = gpu() else { return };
     let mut rates: BTreeMap<String, usize> = BTreeMap::new();
     for heuristic in heuristics {
         for case in cases(heuristic) {
@@ -286,8 +285,7 @@ fn combined_decides_as_on_the_cpu() {
 
 #[test]
 fn a_rate_image_is_read_clamped() {
-    let Some(gpu) = Gpu::new() else { return };
-    let mut shaders = Shaders::load();
+    let Some((gpu, mut shaders)) = gpu() else { return };
     let mut random = Random(7);
     for mut case in cases(&ShadingRateHeuristic::Image(Handle::default())) {
         case.image_size = uvec2(3, 2);
@@ -300,8 +298,7 @@ fn a_rate_image_is_read_clamped() {
 
 #[test]
 fn a_heuristic_of_ones_own_is_a_few_lines() {
-    let Some(gpu) = Gpu::new() else { return };
-    let mut shaders = Shaders::load();
+    let Some((gpu, mut shaders)) = gpu() else { return };
     shaders.add("my_game/my_heuristic.wesl", CUSTOM.into());
     for case in cases(&ShadingRateHeuristic::Custom(Handle::default())) {
         let output = determine_rates(gpu, &mut shaders, "my_game/my_heuristic.wesl", &case.defs(), &case);
@@ -311,8 +308,7 @@ fn a_heuristic_of_ones_own_is_a_few_lines() {
 
 #[test]
 fn rays_are_as_many_as_the_rate_says() {
-    let Some(gpu) = Gpu::new() else { return };
-    let mut shaders = Shaders::load();
+    let Some((gpu, mut shaders)) = gpu() else { return };
     for rate in ShadingRate::ALL {
         let frame = Frame::filled(uvec2(128, 64), Surface::new(100));
         let case = Case::new(frame, ShadingRateHeuristic::Uniform(rate));
@@ -382,8 +378,7 @@ fn rate_of(gpu: &Gpu, shaders: &mut Shaders, heuristic: &ShadingRateHeuristic, s
 
 #[test]
 fn the_papers_table_is_reproduced() {
-    let Some(gpu) = Gpu::new() else { return };
-    let mut shaders = Shaders::load();
+    let Some((gpu, mut shaders)) = gpu() else { return };
     for (roughness, wanted) in [
         (0, ShadingRate::R1x1),
         (63, ShadingRate::R1x1),
@@ -421,8 +416,7 @@ fn the_papers_table_is_reproduced() {
 
 #[test]
 fn combined_blocks_lie_along_the_stretch() {
-    let Some(gpu) = Gpu::new() else { return };
-    let mut shaders = Shaders::load();
+    let Some((gpu, mut shaders)) = gpu() else { return };
     let combined = ShadingRateHeuristic::Combined(CombinedThresholds::default());
     let tilted = |normal: Vec3| Surface {
         normal: normal.normalize(),
@@ -454,8 +448,7 @@ fn combined_blocks_lie_along_the_stretch() {
 
 #[test]
 fn a_mirror_and_an_edge_keep_their_tile_fine() {
-    let Some(gpu) = Gpu::new() else { return };
-    let mut shaders = Shaders::load();
+    let Some((gpu, mut shaders)) = gpu() else { return };
     let mut frame = Frame::filled(uvec2(96, 32), Surface::new(165));
     // Nearly a mirror, one pixel large, in the first tile; an edge in the second; nothing in the third.
     frame.set(uvec2(17, 5), Surface::new(15));
@@ -490,8 +483,7 @@ fn a_mirror_and_an_edge_keep_their_tile_fine() {
 
 #[test]
 fn broken_cameras_break_no_lists() {
-    let Some(gpu) = Gpu::new() else { return };
-    let mut shaders = Shaders::load();
+    let Some((gpu, mut shaders)) = gpu() else { return };
     for broken in [f32::NAN, f32::INFINITY, 0.0, 1e38] {
         let combined = ShadingRateHeuristic::Combined(CombinedThresholds::default());
         for heuristic in [ShadingRateHeuristic::PAPER_GRAZING, combined] {

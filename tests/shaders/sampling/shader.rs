@@ -4,7 +4,7 @@ use super::reference::*;
 use crate::{
     compute::{self, READ},
     gpu::Gpu,
-    wesl::flatten,
+    wesl::flatten_function,
 };
 use bevy::math::{UVec2, Vec2, Vec3, uvec2};
 use bevy_glint::internals::directional_albedo::{ALBEDO_TABLE_SIZE, DirectionalAlbedo};
@@ -23,13 +23,8 @@ struct Output {
     direction: vec3<f32>, weight: f32, inverse_pdf: f32, half_dot_view: f32, valid: u32, pdf: f32,
     lobe: f32, g1: f32, padding: vec2<f32>, basis: mat3x3<f32>,
 }
-@group(0) @binding(0) var<storage, read> inputs: array<Input>;
-@group(0) @binding(1) var<storage, read_write> outputs: array<Output>;
 
-@compute @workgroup_size(64)
-fn main(@builtin(global_invocation_id) id: vec3<u32>) {
-    if id.x >= arrayLength(&outputs) { return; }
-    let i = inputs[id.x];
+fn output(i: Input) -> Output {
     var s = sample_reflection(i.view, i.alpha, i.u);
     var pdf = reflection_pdf(i.view, s.direction, i.alpha);
     if i.ndf != 0u {
@@ -37,7 +32,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         pdf = reflection_pdf_ndf(i.view, s.direction, i.alpha);
     }
     let view = guard_view(i.view);
-    outputs[id.x] = Output(s.direction, s.weight, s.inverse_pdf, s.half_dot_view, u32(s.valid), pdf,
+    return Output(s.direction, s.weight, s.inverse_pdf, s.half_dot_view, u32(s.valid), pdf,
         specular_lobe(i.view, s.direction, i.alpha), g1_smith(0.4, view.z), vec2(0.0), orthonormal_basis(view));
 }
 ";
@@ -97,7 +92,7 @@ fn samples_are_those_of_the_twin() {
             }
         }
     }
-    let wgsl = flatten(SAMPLING, &[], &[]);
+    let wgsl = flatten_function(SAMPLING, &[], &[]);
     let outputs: Vec<SamplingOutput> = gpu.run(&wgsl, &inputs, &[]);
     let (mut edge, mut worst) = (0, 0.0f32);
     for (input, output) in inputs.iter().zip(&outputs) {
@@ -163,7 +158,7 @@ fn hostile_inputs_stay_finite_on_the_gpu() {
     let inputs: Vec<_> = hostile
         .flat_map(|hostile| [0, 1].map(|ndf| input(hostile, ndf)))
         .collect();
-    let outputs: Vec<SamplingOutput> = gpu.run(&flatten(SAMPLING, &[], &[]), &inputs, &[]);
+    let outputs: Vec<SamplingOutput> = gpu.run(&flatten_function(SAMPLING, &[], &[]), &inputs, &[]);
     for (input, output) in inputs.iter().zip(&outputs) {
         let case = format!(
             "view {} alpha {} u {} ndf {}: {output:?}",
@@ -194,16 +189,11 @@ fn hostile_inputs_stay_finite_on_the_gpu() {
 const NOISE: &str = "
 import package::trace::noise::{halton_rotated, sobol, blue_noise};
 
-@group(0) @binding(0) var<storage, read> inputs: array<vec4<u32>>;
-@group(0) @binding(1) var<storage, read_write> outputs: array<array<vec2<f32>, 4>>;
 @group(0) @binding(2) var noise: texture_2d_array<f32>;
 @group(0) @binding(3) var placeholder: texture_2d_array<f32>;
 
-@compute @workgroup_size(64)
-fn main(@builtin(global_invocation_id) id: vec3<u32>) {
-    if id.x >= arrayLength(&outputs) { return; }
-    let i = inputs[id.x];
-    outputs[id.x] = array(halton_rotated(i.xy, i.z), sobol(i.xy, i.z, i.w), blue_noise(noise, i.xy, i.z),
+fn output(i: vec4<u32>) -> array<vec2<f32>, 4> {
+    return array(halton_rotated(i.xy, i.z), sobol(i.xy, i.z, i.w), blue_noise(noise, i.xy, i.z),
         blue_noise(placeholder, i.xy, i.z));
 }
 ";
@@ -229,7 +219,7 @@ fn noise_is_bit_for_bit_that_of_the_twin() {
         (2, layers(UVec2::splat(4), 3, &texels)),
         (3, layers(UVec2::ONE, 1, &[255; 4])),
     ];
-    let outputs: Vec<[[f32; 2]; 4]> = gpu.run(&flatten(NOISE, &[], &[]), &inputs, &textures);
+    let outputs: Vec<[[f32; 2]; 4]> = gpu.run(&flatten_function(NOISE, &[], &[]), &inputs, &textures);
     let mut means = [Vec2::ZERO; 4];
     for (input, output) in inputs.iter().zip(&outputs) {
         let (pixel, index) = (UVec2::from_slice(input), input[2]);
@@ -260,14 +250,9 @@ import package::trace::brdf::{
 import package::trace::sampling::{guard_view, sample_reflection};
 
 struct Input { view: vec3<f32>, roughness: f32, base_color: vec3<f32>, metallic: f32, u: vec2<f32>, reflectance: f32, padding: f32 }
-@group(0) @binding(0) var<storage, read> inputs: array<Input>;
-@group(0) @binding(1) var<storage, read_write> outputs: array<array<vec4<f32>, 6>>;
 @group(0) @binding(2) var table: texture_2d<f32>;
 
-@compute @workgroup_size(64)
-fn main(@builtin(global_invocation_id) id: vec3<u32>) {
-    if id.x >= arrayLength(&outputs) { return; }
-    let i = inputs[id.x];
+fn output(i: Input) -> array<vec4<f32>, 6> {
     let alpha = i.roughness * i.roughness;
     let n_dot_v = guard_view(i.view).z;
     let f0 = calculate_f0(i.base_color, i.metallic, vec3(i.reflectance));
@@ -277,7 +262,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let albedo = directional_albedo(table, alpha, n_dot_v);
     let drawn = sample_reflection(i.view, alpha, i.u);
     let throughput = reflection_throughput(drawn, f0, f90, albedo, scatter.fss_ess);
-    outputs[id.x] = array(vec4(f0, f90), vec4(fresnel_schlick(f0, f90, drawn.half_dot_view), 0.0), vec4(ab, albedo),
+    return array(vec4(f0, f90), vec4(fresnel_schlick(f0, f90, drawn.half_dot_view), 0.0), vec4(ab, albedo),
         vec4(scatter.fss_ess, scatter.fms_ems.x), vec4(scatter.edss, 0.0), vec4(throughput, 0.0));
 }
 ";
@@ -323,7 +308,7 @@ fn a_white_furnace_on_the_gpu_reflects_the_split_sum() {
     let texels = bytemuck::cast_slice(table.texels());
     let texture = compute::texture(gpu, TextureFormat::Rg32Float, size, READ, texels);
     let textures = [(2, texture.create_view(&Default::default()))];
-    let outputs: Vec<[[f32; 4]; 6]> = gpu.run(&flatten(BRDF, &[], &[]), &inputs, &textures);
+    let outputs: Vec<[[f32; 4]; 6]> = gpu.run(&flatten_function(BRDF, &[], &[]), &inputs, &textures);
     let mut worst = 0.0f32;
     for (inputs, outputs) in inputs.chunks(SAMPLES as usize).zip(outputs.chunks(SAMPLES as usize)) {
         let mut mean = Vec3::ZERO;

@@ -50,16 +50,6 @@ impl<'w> SceneBuilder<'w> {
         }
     }
 
-    /// Continues a finished scene.
-    pub fn resume(world: &'w mut World, root: Entity) -> Self {
-        let statistics = world.get(root).copied().unwrap_or_default();
-        Self {
-            world,
-            root,
-            statistics,
-        }
-    }
-
     /// Adds a mesh asset.
     pub fn mesh(&mut self, geometry: Geometry) -> SceneMesh {
         let triangles = geometry.triangles();

@@ -34,9 +34,8 @@ pub fn environment(world: &mut World) -> Environment {
     }
 }
 
-pub fn spawn(world: &mut World, options: &SceneOptions, finish: Finish) -> Entity {
-    let mut scene = SceneBuilder::new(world);
-    surroundings(&mut scene);
+pub fn spawn(scene: &mut SceneBuilder, options: &SceneOptions, finish: Finish) {
+    surroundings(scene);
     let panel = scene.shape(|g| g.quad(upright_corners(Vec2::NEG_ONE, Vec2::ONE, 0.0), Vec2::ONE));
     for (x, roughness) in [(-3.2, 0.0), (0.0, 0.15), (3.2, 0.35)] {
         let window = scene.material(glass(finish, roughness, None));
@@ -47,8 +46,7 @@ pub fn spawn(world: &mut World, options: &SceneOptions, finish: Finish) -> Entit
     let water = scene.material(glass(finish, 0.05, Some(ripples)));
     let level = Transform::from_xyz(0.0, 0.1, 0.0).looking_to(Vec3::NEG_Y, Vec3::NEG_Z);
     scene.place(&panel, &water, level.with_scale(vec3(4.5, 2.5, 1.0)));
-    bottles(&mut scene, options, finish);
-    scene.finish()
+    bottles(scene, options, finish);
 }
 
 /// Adds its reflection to the light from behind, and reflects more than real glass. Opaque, it is black.

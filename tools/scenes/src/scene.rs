@@ -3,6 +3,7 @@
 use crate::{
     animation::set_time,
     atrium::{self, Richness},
+    builder::SceneBuilder,
     camera_path::CameraPath,
     demo,
     environment::{Environment, SceneOptions},
@@ -120,7 +121,9 @@ pub fn spawn(name: SceneName, world: &mut World) -> Entity {
 
 /// Like [`spawn`], with options.
 pub fn spawn_with(name: SceneName, world: &mut World, options: &SceneOptions) -> Entity {
-    let root = (Recipe::of(name).spawn)(world, &options.clamped());
+    let mut scene = SceneBuilder::new(world);
+    (Recipe::of(name).spawn)(&mut scene, &options.clamped());
+    let root = scene.finish();
     // Animated objects start at their places for time zero, with or without the animation.
     set_time(world, 0.0);
     root
@@ -130,15 +133,15 @@ pub fn spawn_with(name: SceneName, world: &mut World, options: &SceneOptions) ->
 struct Recipe {
     path: CameraPath,
     environment: fn(&mut World) -> Environment,
-    /// Spawns everything but the camera, and returns the root.
-    spawn: fn(&mut World, &SceneOptions) -> Entity,
+    /// Spawns everything but the camera.
+    spawn: fn(&mut SceneBuilder, &SceneOptions),
 }
 
 impl Recipe {
     const fn new(
         path: CameraPath,
         environment: fn(&mut World) -> Environment,
-        spawn: fn(&mut World, &SceneOptions) -> Entity,
+        spawn: fn(&mut SceneBuilder, &SceneOptions),
     ) -> Self {
         Self {
             path,
@@ -150,37 +153,35 @@ impl Recipe {
     const fn of(scene: SceneName) -> Self {
         match scene {
             SceneName::Demo => Self::new(demo::PATH, demo::environment, demo::spawn),
-            SceneName::Atrium => Self::new(atrium::PATH, atrium::environment, |world, options| {
-                atrium::spawn(world, options, Richness::Rich)
+            SceneName::Atrium => Self::new(atrium::PATH, atrium::environment, |scene, options| {
+                atrium::spawn(scene, options, Richness::Rich);
             }),
-            SceneName::AtriumSmall => Self::new(atrium::PATH, atrium::environment, |world, options| {
-                atrium::spawn(world, options, Richness::Plain)
+            SceneName::AtriumSmall => Self::new(atrium::PATH, atrium::environment, |scene, options| {
+                atrium::spawn(scene, options, Richness::Plain);
             }),
             SceneName::Temple => Self::new(temple::PATH, temple::environment, temple::spawn),
             SceneName::Street => Self::new(street::PATH, street::environment, street::spawn),
-            SceneName::AtriumMoving => Self::new(atrium::PATH, atrium::environment, |world, options| {
-                moving::add(
-                    atrium::spawn(world, options, Richness::Rich),
-                    &moving::ATRIUM,
-                    world,
-                    options,
-                )
+            SceneName::AtriumMoving => Self::new(atrium::PATH, atrium::environment, |scene, options| {
+                atrium::spawn(scene, options, Richness::Rich);
+                moving::add(scene, &moving::ATRIUM, options);
             }),
-            SceneName::TempleMoving => Self::new(temple::PATH, temple::environment, |world, options| {
-                moving::add(temple::spawn(world, options), &moving::TEMPLE, world, options)
+            SceneName::TempleMoving => Self::new(temple::PATH, temple::environment, |scene, options| {
+                temple::spawn(scene, options);
+                moving::add(scene, &moving::TEMPLE, options);
             }),
-            SceneName::StreetMoving => Self::new(street::PATH, street::environment, |world, options| {
-                moving::add(street::spawn(world, options), &moving::STREET, world, options)
+            SceneName::StreetMoving => Self::new(street::PATH, street::environment, |scene, options| {
+                street::spawn(scene, options);
+                moving::add(scene, &moving::STREET, options);
             }),
             SceneName::MirrorRoom => Self::new(small::MIRROR_ROOM_PATH, small::dark, small::mirror_room),
             SceneName::Furnace => Self::new(small::FURNACE_PATH, small::white, small::furnace),
             SceneName::EmissiveFloor => Self::new(small::EMISSIVE_FLOOR_PATH, small::dark, small::emissive_floor),
             SceneName::Shapes => Self::new(shapes::PATH, shapes::environment, shapes::spawn),
-            SceneName::Glass => Self::new(glass::PATH, glass::environment, |world, options| {
-                glass::spawn(world, options, Finish::Clear)
+            SceneName::Glass => Self::new(glass::PATH, glass::environment, |scene, options| {
+                glass::spawn(scene, options, Finish::Clear);
             }),
-            SceneName::BlackGlass => Self::new(glass::PATH, glass::environment, |world, options| {
-                glass::spawn(world, options, Finish::Opaque)
+            SceneName::BlackGlass => Self::new(glass::PATH, glass::environment, |scene, options| {
+                glass::spawn(scene, options, Finish::Opaque);
             }),
             SceneName::Arcade => Self::new(arcade::PATH, arcade::environment, arcade::spawn),
             SceneName::Brushed => Self::new(brushed::PATH, brushed::environment, brushed::spawn),

@@ -35,9 +35,8 @@ pub fn environment(world: &mut World) -> Environment {
     Environment::under(world, Sky::Day { sun }, 1000.0, 9.7)
 }
 
-pub fn spawn(world: &mut World, options: &SceneOptions) -> Entity {
-    let mut scene = SceneBuilder::new(world);
-    surroundings(&mut scene);
+pub fn spawn(scene: &mut SceneBuilder, options: &SceneOptions) {
+    surroundings(scene);
     let bumps = scene.textures(options.texture_size, bumps).normal;
     // The box is the largest shape, with its own space behind the others.
     let shapes = [
@@ -69,7 +68,6 @@ pub fn spawn(world: &mut World, options: &SceneOptions) -> Entity {
             scene.world.entity_mut(entity).insert(name);
         }
     }
-    scene.finish()
 }
 
 /// Positions of the shapes in front of the box, within a bay.

@@ -7,8 +7,7 @@ use bevy::{camera::Exposure, core_pipeline::tonemapping::Tonemapping};
 const UNIT_EXPOSURE: f32 = -0.263_034_4;
 
 /// A mirror floor at y = 0 (4 by 4 metres) and four unlit shapes above it, no two alike.
-pub fn mirror_room(world: &mut World, _: &SceneOptions) -> Entity {
-    let mut scene = SceneBuilder::new(world);
+pub fn mirror_room(scene: &mut SceneBuilder, _: &SceneOptions) {
     let floor = scene.shape(|g| {
         let corners = level_corners(Vec2::splat(-2.0), Vec2::splat(2.0), 0.0);
         g.quad(corners, Vec2::splat(4.0));
@@ -30,15 +29,13 @@ pub fn mirror_room(world: &mut World, _: &SceneOptions) -> Entity {
     scene.place(&cube, &blue, tilted.with_scale(Vec3::splat(0.4)));
     let bar = Transform::from_xyz(0.35, 1.25, -0.2).with_scale(vec3(0.9, 0.12, 0.12));
     scene.place(&cube, &yellow, bar);
-    scene.finish()
 }
 
 /// Roughness of the columns of `furnace`.
 pub const FURNACE_ROUGHNESS: [f32; 6] = [0.0, 0.2, 0.4, 0.6, 0.8, 1.0];
 
 /// White spheres: the upper row metal, the lower dielectric; roughness grows to the right.
-pub fn furnace(world: &mut World, _: &SceneOptions) -> Entity {
-    let mut scene = SceneBuilder::new(world);
+pub fn furnace(scene: &mut SceneBuilder, _: &SceneOptions) {
     let sphere = scene.shape(|g| g.sphere(Vec3::ZERO, 0.42, 64, Vec2::ONE));
     for (row, metallic) in [(0, 0.0), (1, 1.0)] {
         for (column, perceptual_roughness) in FURNACE_ROUGHNESS.into_iter().enumerate() {
@@ -50,12 +47,10 @@ pub fn furnace(world: &mut World, _: &SceneOptions) -> Entity {
             scene.place(&sphere, &material, at);
         }
     }
-    scene.finish()
 }
 
 /// Glowing shapes with black albedo over a row of floors. A ray off a floor either sees an emitter or nothing, so one bounce is enough.
-pub fn emissive_floor(world: &mut World, _: &SceneOptions) -> Entity {
-    let mut scene = SceneBuilder::new(world);
+pub fn emissive_floor(scene: &mut SceneBuilder, _: &SceneOptions) {
     let panel = scene.shape(|g| g.quad(level_corners(vec2(-0.5, -1.5), vec2(0.5, 1.5), 0.0), vec2(1.0, 3.0)));
     let floors = [(1.0, 0.0), (1.0, 0.2), (1.0, 0.5), (0.0, 0.0), (0.0, 0.2), (0.0, 0.5)];
     for (column, (metallic, perceptual_roughness)) in floors.into_iter().enumerate() {
@@ -87,7 +82,6 @@ pub fn emissive_floor(world: &mut World, _: &SceneOptions) -> Entity {
         let ball_at = Transform::from_xyz(x + 0.22, 0.4, 0.0).with_scale(Vec3::splat(0.16));
         scene.place(&sphere, &colors[(column + 1) % 4], ball_at);
     }
-    scene.finish()
 }
 
 /// Exposure one, no tone curve: the image contains the computed values. Only emitters give light.

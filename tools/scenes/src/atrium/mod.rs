@@ -86,20 +86,18 @@ pub fn environment(world: &mut World) -> Environment {
     Environment::under(world, Sky::Day { sun: sun() }, 1_150.0, 10.8)
 }
 
-pub fn spawn(world: &mut World, options: &SceneOptions, richness: Richness) -> Entity {
-    let mut scene = SceneBuilder::new(world);
+pub fn spawn(scene: &mut SceneBuilder, options: &SceneOptions, richness: Richness) {
     let (size, detail) = (options.texture_size, options.detail);
-    let materials = Materials::new(&mut scene, size, richness);
-    architecture::build(&mut scene, &materials, detail, richness);
-    dressing::build(&mut scene, &materials, detail, richness);
+    let materials = Materials::new(scene, size, richness);
+    architecture::build(scene, &materials, detail, richness);
+    dressing::build(scene, &materials, detail, richness);
     if richness == Richness::Rich {
-        ornament::build(&mut scene, &materials, detail);
-        roof::build(&mut scene, &materials, detail);
-        hangings::build(&mut scene, &materials, size, detail);
-        furniture::build(&mut scene, &materials, detail);
+        ornament::build(scene, &materials, detail);
+        roof::build(scene, &materials, detail);
+        hangings::build(scene, &materials, size, detail);
+        furniture::build(scene, &materials, detail);
     }
     scene.sun(sun(), Color::srgb(1.0, 0.93, 0.82), 32_000.0, (3, 8.0, 40.0));
-    scene.finish()
 }
 
 /// Along the court, up past the columns, and back at the height of the upper storey.

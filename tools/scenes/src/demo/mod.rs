@@ -15,20 +15,18 @@ pub fn environment(world: &mut World) -> Environment {
     Environment::under(world, Sky::Evening { sun: sun() }, 560.0, 9.7)
 }
 
-pub fn spawn(world: &mut World, options: &SceneOptions) -> Entity {
-    let mut scene = SceneBuilder::new(world);
+pub fn spawn(scene: &mut SceneBuilder, options: &SceneOptions) {
     let size = options.texture_size;
     // Both directions of a surface get finer, so each by the square root.
     let fine = options.detail.sqrt();
-    room(&mut scene, size, fine);
-    screens(&mut scene, size, fine);
-    gallery_of_spheres(&mut scene, size, fine);
-    floor_objects(&mut scene, size, fine);
-    plants(&mut scene, size, fine);
-    glowing::neon(&mut scene, fine);
-    glowing::gyroscope(&mut scene, fine);
-    glowing::lights(&mut scene);
-    scene.finish()
+    room(scene, size, fine);
+    screens(scene, size, fine);
+    gallery_of_spheres(scene, size, fine);
+    floor_objects(scene, size, fine);
+    plants(scene, size, fine);
+    glowing::neon(scene, fine);
+    glowing::gyroscope(scene, fine);
+    glowing::lights(scene);
 }
 
 const BRASS: Color = Color::srgb(0.93, 0.76, 0.45);

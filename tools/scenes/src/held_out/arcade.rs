@@ -36,8 +36,7 @@ pub fn environment(world: &mut World) -> Environment {
     Environment::under(world, Sky::Day { sun: sun() }, 750.0, 10.2)
 }
 
-pub fn spawn(world: &mut World, options: &SceneOptions) -> Entity {
-    let mut scene = SceneBuilder::new(world);
+pub fn spawn(scene: &mut SceneBuilder, options: &SceneOptions) {
     let (size, fine) = (options.texture_size, options.detail.sqrt());
     let stone = scene.textured(size, patterns::limestone);
     let floor = scene.textured(size, slabs);
@@ -82,7 +81,6 @@ pub fn spawn(world: &mut World, options: &SceneOptions) -> Entity {
         scene.place(&urn, &bronze, Transform::from_translation(at + 0.7 * Vec3::Y));
     }
     scene.sun(sun(), Color::srgb(1.0, 0.92, 0.8), 20_000.0, (3, 8.0, 50.0));
-    scene.finish()
 }
 
 /// One opening between two halves of piers: front, back, and the curve's underside.

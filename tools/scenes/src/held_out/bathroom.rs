@@ -21,8 +21,7 @@ pub fn environment(world: &mut World) -> Environment {
     indoors(world, 5.3)
 }
 
-pub fn spawn(world: &mut World, options: &SceneOptions) -> Entity {
-    let mut scene = SceneBuilder::new(world);
+pub fn spawn(scene: &mut SceneBuilder, options: &SceneOptions) {
     let (size, fine) = (options.texture_size, options.detail.sqrt());
     let tiles = scene.textures(size, tiles).material();
     let wall = scene.material(dyed(&tiles, Color::srgb(0.62, 0.80, 0.80)));
@@ -85,8 +84,7 @@ pub fn spawn(world: &mut World, options: &SceneOptions) -> Entity {
     }
     let color = LinearRgba::rgb(1.0, 0.9, 0.76);
     let places = [vec3(0.1, 2.35, 0.2), vec3(-0.4, 2.2, -1.66)];
-    lamps(&mut scene, fine, places, color, 3_200.0, 7.0, 0.09);
-    scene.finish()
+    lamps(scene, fine, places, color, 3_200.0, 7.0, 0.09);
 }
 
 /// A bath along the wall at +x.

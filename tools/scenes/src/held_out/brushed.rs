@@ -25,8 +25,7 @@ pub fn environment(world: &mut World) -> Environment {
     indoors(world, 5.2)
 }
 
-pub fn spawn(world: &mut World, options: &SceneOptions) -> Entity {
-    let mut scene = SceneBuilder::new(world);
+pub fn spawn(scene: &mut SceneBuilder, options: &SceneOptions) {
     let (size, fine) = (options.texture_size, options.detail.sqrt());
     let brushed = scene.textures(size, brushed).material();
     let cast = scene.textures(size, cast).material();
@@ -79,11 +78,10 @@ pub fn spawn(world: &mut World, options: &SceneOptions) -> Entity {
     let cone = scene.shape(|g| lathe(g, segments(32, fine), &[0.2, 0.0, 0.21, 0.0, 0.06, 0.16, 0.0, 0.2]));
     let places = [vec3(-1.1, 2.25, 0.3), vec3(0.4, 2.3, 0.0), vec3(1.4, 2.2, 0.5)];
     let color = LinearRgba::rgb(1.0, 0.82, 0.6);
-    lamps(&mut scene, fine, places, color, 2_600.0, 7.0, 0.06);
+    lamps(scene, fine, places, color, 2_600.0, 7.0, 0.06);
     for at in places {
         scene.place_unshadowed(&cone, &shade, Transform::from_translation(at + 0.03 * Vec3::Y));
     }
-    scene.finish()
 }
 
 /// A wheel with teeth and a hub, on y = 0.

@@ -30,8 +30,7 @@ pub fn environment(world: &mut World) -> Environment {
     indoors(world, 4.6)
 }
 
-pub fn spawn(world: &mut World, options: &SceneOptions) -> Entity {
-    let mut scene = SceneBuilder::new(world);
+pub fn spawn(scene: &mut SceneBuilder, options: &SceneOptions) {
     let (size, fine) = (options.texture_size, options.detail.sqrt());
     let worn = scene.textures(size, worn_floor).material();
     let worn = scene.material(dyed(&worn, Color::srgb(0.70, 0.62, 0.54)));
@@ -89,9 +88,8 @@ pub fn spawn(world: &mut World, options: &SceneOptions) -> Entity {
         (cold, LinearRgba::rgb(0.6, 0.8, 1.0)),
     ] {
         let places = places.into_iter().map(|(_, at)| at);
-        lamps(&mut scene, fine, places, color, 700.0, 7.0, 0.05);
+        lamps(scene, fine, places, color, 700.0, 7.0, 0.05);
     }
-    scene.finish()
 }
 
 /// Boards along the corridor: rough at the walls, and worn smooth along the middle.

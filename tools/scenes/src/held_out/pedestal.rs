@@ -23,8 +23,7 @@ pub fn environment(world: &mut World) -> Environment {
     indoors(world, 4.9)
 }
 
-pub fn spawn(world: &mut World, options: &SceneOptions) -> Entity {
-    let mut scene = SceneBuilder::new(world);
+pub fn spawn(scene: &mut SceneBuilder, options: &SceneOptions) {
     let fine = options.detail.sqrt();
     let plaster = scene.textures(options.texture_size, patterns::plaster).base_color;
     let [wall, floor, stone] = [(0.56, 0.53, 0.52), (0.30, 0.25, 0.22), (0.74, 0.72, 0.68)].map(|(r, g, b)| {
@@ -61,9 +60,8 @@ pub fn spawn(world: &mut World, options: &SceneOptions) -> Entity {
     }
     let color = LinearRgba::rgb(1.0, 0.88, 0.72);
     let places = [vec3(-1.7, 2.8, 1.6), vec3(1.5, 3.0, 2.2), vec3(0.4, 2.6, 4.2)];
-    lamps(&mut scene, fine, places, color, 5_000.0, 10.0, 0.14);
-    helmet(&mut scene, options.texture_size, fine);
-    scene.finish()
+    lamps(scene, fine, places, color, 5_000.0, 10.0, 0.14);
+    helmet(scene, options.texture_size, fine);
 }
 
 /// Shell, mask, crest, lenses with their rims, and two hoses.

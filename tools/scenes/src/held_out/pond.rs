@@ -26,8 +26,7 @@ pub fn environment(world: &mut World) -> Environment {
     Environment::under(world, Sky::Day { sun: sun() }, 1_000.0, 10.4)
 }
 
-pub fn spawn(world: &mut World, options: &SceneOptions) -> Entity {
-    let mut scene = SceneBuilder::new(world);
+pub fn spawn(scene: &mut SceneBuilder, options: &SceneOptions) {
     let (size, fine) = (options.texture_size, options.detail.sqrt());
     let waves = scene.textures(size, waves).normal;
     let water = scene.material(StandardMaterial {
@@ -45,7 +44,7 @@ pub fn spawn(world: &mut World, options: &SceneOptions) -> Entity {
     let bank = scene.shape(|g| bank(g, segments(72, fine)));
     scene.place(&bank, &grass, Transform::IDENTITY);
 
-    trees(&mut scene, options.detail, &bark, &leaf);
+    trees(scene, options.detail, &bark, &leaf);
     let reeds = scene.shape(|g| props::plant(g, 26, 1.2, 5, 9));
     for (x, z) in [
         (-3.4, -7.4),
@@ -73,9 +72,8 @@ pub fn spawn(world: &mut World, options: &SceneOptions) -> Entity {
         scene.place_unshadowed(&post, &bark, Transform::from_translation(at));
     }
     let color = LinearRgba::rgb(1.0, 0.55, 0.2);
-    lamps(&mut scene, fine, lanterns, color, 40_000.0, 6.0, 0.12);
+    lamps(scene, fine, lanterns, color, 40_000.0, 6.0, 0.12);
     scene.sun(sun(), Color::srgb(1.0, 0.93, 0.82), 22_000.0, (3, 9.0, 50.0));
-    scene.finish()
 }
 
 /// Trees along the shore, each a trunk with clumps of leaves.

@@ -22,8 +22,7 @@ pub fn environment(world: &mut World) -> Environment {
     indoors(world, 5.6)
 }
 
-pub fn spawn(world: &mut World, options: &SceneOptions) -> Entity {
-    let mut scene = SceneBuilder::new(world);
+pub fn spawn(scene: &mut SceneBuilder, options: &SceneOptions) {
     let (size, fine) = (options.texture_size, options.detail.sqrt());
     let resin = scene.textured(size, resin);
     let wall = scene.material(StandardMaterial {
@@ -56,10 +55,9 @@ pub fn spawn(world: &mut World, options: &SceneOptions) -> Entity {
         let lit = scene.material(glow(color));
         scene.place_unshadowed(&banner, &lit, Transform::from_xyz(x, 0.0, 0.0));
     }
-    car(&mut scene, fine, Color::srgb(0.52, 0.02, 0.03), Transform::IDENTITY);
+    car(scene, fine, Color::srgb(0.52, 0.02, 0.03), Transform::IDENTITY);
     let behind = Transform::from_xyz(-1.0, 0.0, -4.4).with_rotation(turned(24.0));
-    car(&mut scene, fine, Color::srgb(0.04, 0.12, 0.30), behind);
-    scene.finish()
+    car(scene, fine, Color::srgb(0.04, 0.12, 0.30), behind);
 }
 
 /// A car along x, its front at +x.

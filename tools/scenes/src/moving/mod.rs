@@ -81,17 +81,15 @@ const WARM: Color = Color::srgb(1.0, 0.74, 0.46);
 /// Emission of bulbs.
 const BULB: LinearRgba = LinearRgba::rgb(9.0, 5.2, 2.2);
 
-/// Adds a cast to a scene that was spawned; returns the scene's root.
-pub fn add(root: Entity, cast: &Cast, world: &mut World, options: &SceneOptions) -> Entity {
-    let mut scene = SceneBuilder::resume(world, root);
+/// Adds a cast to a scene.
+pub fn add(scene: &mut SceneBuilder, cast: &Cast, options: &SceneOptions) {
     let detail = options.detail;
-    walkers(&mut scene, cast.walkers, detail);
-    vans(&mut scene, cast.vans, detail);
-    balls(&mut scene, cast.balls, detail);
-    doors(&mut scene, cast.doors);
-    pendulums(&mut scene, cast.pendulums, detail);
-    flames(&mut scene, cast.flames, detail);
-    scene.finish()
+    walkers(scene, cast.walkers, detail);
+    vans(scene, cast.vans, detail);
+    balls(scene, cast.balls, detail);
+    doors(scene, cast.doors);
+    pendulums(scene, cast.pendulums, detail);
+    flames(scene, cast.flames, detail);
 }
 
 /// An entity that moves with all its parts.

@@ -67,21 +67,19 @@ pub fn environment(world: &mut World) -> Environment {
     Environment::under(world, Sky::Evening { sun: sun() }, 1_000.0, 10.0)
 }
 
-/// Spawns the street; returns its root.
-pub fn spawn(world: &mut World, options: &SceneOptions) -> Entity {
-    let mut scene = SceneBuilder::new(world);
+/// Builds the street.
+pub fn spawn(scene: &mut SceneBuilder, options: &SceneOptions) {
     let detail = options.detail;
-    let materials = Materials::new(&mut scene, options.texture_size);
-    ground::build(&mut scene, &materials, detail);
-    let places = facades::build(&mut scene, &materials, detail);
-    shops::build(&mut scene, &materials, &places.fronts, detail);
-    greenery::build(&mut scene, &materials, &places.sills, detail);
-    cafe::build(&mut scene, &materials, detail);
-    vehicles::build(&mut scene, &materials, detail);
-    cycles::build(&mut scene, &materials, detail);
-    clutter::build(&mut scene, &materials, detail);
-    lights::build(&mut scene, &materials, detail);
-    scene.finish()
+    let materials = Materials::new(scene, options.texture_size);
+    ground::build(scene, &materials, detail);
+    let places = facades::build(scene, &materials, detail);
+    shops::build(scene, &materials, &places.fronts, detail);
+    greenery::build(scene, &materials, &places.sills, detail);
+    cafe::build(scene, &materials, detail);
+    vehicles::build(scene, &materials, detail);
+    cycles::build(scene, &materials, detail);
+    clutter::build(scene, &materials, detail);
+    lights::build(scene, &materials, detail);
 }
 
 /// Eye and target along the way: the middle of the wet roadway past the café to the crossing, where the camera rises.

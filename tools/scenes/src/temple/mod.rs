@@ -123,17 +123,15 @@ pub fn environment(world: &mut World) -> Environment {
 }
 
 /// Builds the temple; the number of triangles grows in proportion to `options.detail`.
-pub fn spawn(world: &mut World, options: &SceneOptions) -> Entity {
-    let mut scene = SceneBuilder::new(world);
-    let materials = Materials::new(&mut scene, options.texture_size);
+pub fn spawn(scene: &mut SceneBuilder, options: &SceneOptions) {
+    let materials = Materials::new(scene, options.texture_size);
     // Both directions of a surface get finer, so each by the square root.
     let fine = options.detail.sqrt();
-    hall::build(&mut scene, &materials, fine);
-    order::build(&mut scene, &materials, fine);
-    bronze::build(&mut scene, &materials, fine);
-    furnishing::build(&mut scene, &materials, fine);
+    hall::build(scene, &materials, fine);
+    order::build(scene, &materials, fine);
+    bronze::build(scene, &materials, fine);
+    furnishing::build(scene, &materials, fine);
     scene.sun(sun(), Color::srgb(1.0, 0.91, 0.77), 15_000.0, (3, 9.0, 48.0));
-    scene.finish()
 }
 
 /// A slow walk from the doors past a brazier, along the basin and up to the dais.
