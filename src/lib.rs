@@ -146,6 +146,7 @@ pub mod internals {
     pub use crate::{
         device::refuse_memory,
         diagnostics::{CountInvocations, TotalTimeOnly, WithoutReflections},
+        front_layer::restart_noise,
         readback::{Copied, Target},
         scene::{
             SceneBindings, acceleration, arena, atmosphere, bvh, environment, fog_volumes, geometry, gpu_types,

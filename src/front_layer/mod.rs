@@ -101,6 +101,18 @@ impl Plugin for FrontLayerPlugin {
     }
 }
 
+/// All views of a render world begin their sample sequences anew, so that their noise doesn't depend on how many frames they have drawn.
+#[cfg(feature = "internals")]
+pub fn restart_noise(world: &mut bevy::ecs::world::World) {
+    let mut views = world.query::<(&mut crate::view::ReflectionTextures, Option<&mut FrontLayer>)>();
+    for (mut textures, layer) in views.iter_mut(world) {
+        textures.restart_noise();
+        if let Some(mut layer) = layer {
+            layer.textures.restart_noise();
+        }
+    }
+}
+
 fn end_frame(mut layers: Query<&mut FrontLayer>) {
     layers.iter_mut().for_each(|mut layer| layer.textures.end_frame());
 }

@@ -177,6 +177,12 @@ impl ReflectionTextures {
         self.static_view = StaticView::default();
     }
 
+    /// Begins the sample sequence anew.
+    #[cfg(feature = "internals")]
+    pub(crate) fn restart_noise(&mut self) {
+        self.sample_index = 0;
+    }
+
     /// Call after each frame.
     pub(crate) fn end_frame(&mut self) {
         self.groups.drop_unused();

@@ -11,7 +11,7 @@ use bevy::{
     prelude::*,
     render::settings::{WgpuFeatures, WgpuLimits, WgpuSettings},
 };
-use bevy_glint::{RayTracedReflections, ReflectionTechnique, ReflectionTracerChoice};
+use bevy_glint::{RayTracedReflections, ReflectionTechnique, ReflectionTracerChoice, internals::restart_noise};
 use glint_scenes::{HeadlessApp, HeadlessSettings, Output, SceneName, SceneOptions, note_left_out};
 use std::{env, ops::Range, path::PathBuf};
 
@@ -143,17 +143,26 @@ pub fn reflect(app: &mut HeadlessApp, camera: Entity, technique: ReflectionTechn
     settings_of(app, camera).reset = true;
 }
 
-/// Waits until pipelines are compiled and meshes are built.
+/// Waits until pipelines are compiled and meshes are built, then begins the history anew.
 pub fn warm_up(app: &mut HeadlessApp) {
     app.warm_up(PATIENCE).unwrap_or_else(|error| panic!("{error}"));
     until(app, "not ready", |app| {
         let report = report(app);
         report.ready && report.meshes_pending == 0
     });
-    // Noise that doesn't depend on how long the machine compiled.
+    // Noise and histories that don't depend on how long the machine compiled.
     app.world().resource_mut::<FrameCount>().0 = 0;
-    // The last upload is traced in the next frame.
-    app.step(2);
+    if let Ok(world) = app.render_world_mut() {
+        restart_noise(world);
+    }
+    let mut views = app.world().query::<(&Camera, &mut RayTracedReflections)>();
+    for (camera, mut settings) in views.iter_mut(app.world()) {
+        if camera.is_active {
+            settings.reset = true;
+        }
+    }
+    // The last upload is traced in the next frame. Then histories grow as long as those of frames in which nothing compiles.
+    app.step(6);
 }
 
 /// Returns the mean FLIP of two RGBA images. If it is above `limit`, both images and the error map are written and the test fails.

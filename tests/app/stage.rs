@@ -252,6 +252,12 @@ pub fn begin_anew(app: &mut HeadlessApp, camera: Entity) {
     settings_of(app, camera).reset = true;
 }
 
+/// Clears the history of a camera. `history` counts those of a mean, which have different noise.
+pub fn begin_history(app: &mut HeadlessApp, camera: Entity, history: u32) {
+    app.step(37 * history);
+    settings_of(app, camera).reset = true;
+}
+
 /// Bytes of the textures that front layers have.
 pub fn layer_bytes(app: &mut HeadlessApp) -> u64 {
     let memory = report(app).view_memory;

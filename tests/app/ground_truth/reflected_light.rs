@@ -4,7 +4,7 @@
 
 use crate::{
     common::app,
-    stage::{begin_anew, spawn_mesh, unlit_color},
+    stage::{begin_anew, begin_history, spawn_mesh, unlit_color},
 };
 use bevy::{
     asset::RenderAssetUsages,
@@ -198,8 +198,9 @@ fn techniques_reflect_the_light_of_the_ground_truth() {
         };
         for (technique, kind, change) in cases {
             let [at_rest, moving] = [Scene::at_rest, Scene::in_motion].map(|show: fn(&mut Scene)| {
-                let light = (0..HISTORIES).map(|_| {
+                let light = (0..HISTORIES).map(|history| {
                     scene.use_technique(technique, change);
+                    begin_history(&mut scene.app, scene.camera, history);
                     show(&mut scene);
                     scene.light()
                 });

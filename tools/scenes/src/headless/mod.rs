@@ -245,6 +245,12 @@ impl HeadlessApp {
         Ok(render.world())
     }
 
+    /// The render world, between frames; `NoRenderer` if the app has none.
+    pub fn render_world_mut(&mut self) -> Result<&mut World, HeadlessError> {
+        let render = self.app.get_sub_app_mut(RenderApp).ok_or(HeadlessError::NoRenderer)?;
+        Ok(render.world_mut())
+    }
+
     /// The graphics device; `NoRenderer` while there is none, as after its loss.
     pub fn device(&self) -> Result<&RenderDevice, HeadlessError> {
         readback::resource(self.render_world()?)
