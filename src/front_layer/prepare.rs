@@ -55,7 +55,7 @@ pub struct FrontLayer {
 }
 
 impl FrontLayer {
-    /// `old` is the layer of the view in another size or for other settings, whose history it continues.
+    /// `old` is the layer of the view in another size or for other settings. Its history goes on.
     fn new(
         device: &RenderDevice,
         view: &ReflectionView,

@@ -92,7 +92,7 @@ fn capture(app: &mut HeadlessApp) -> Vec<Vec3> {
         .collect()
 }
 
-/// Number of images with noise in a mean.
+/// Number of images in a mean. More of them have less noise, and take longer.
 const IMAGES: usize = 6;
 
 /// Light adds up: the sum of both halves, evaluated one by one, is the light of all.

@@ -151,14 +151,21 @@ fn the_same_noise_follows_each_warm_up() {
     let scene = lamp(&mut app, 0.15);
     reflect(&mut app, scene.camera, ReflectionTechnique::Quarter);
     settings_of(&mut app, scene.camera).denoiser.converge_static_views = false;
-    let mut image_after = |frames| {
+    let mut image_after = |frames, restarts: bool| {
         app.step(frames);
-        warm_up(&mut app);
+        if restarts {
+            warm_up(&mut app);
+        } else {
+            settings_of(&mut app, scene.camera).reset = true;
+            app.step(6);
+        }
         app.capture().unwrap()
     };
-    let first = image_after(3);
-    assert!(first == image_after(6));
-    assert!(first == image_after(7));
+    let first = image_after(3, true);
+    let [same, other] = [true, false].map(|restarts| flip(SIZE, &first, &image_after(6, restarts)).0);
+    println!("FLIP {same:.4}, and {other:.4} with other noise");
+    // Merging an object can change the last bits of a hit.
+    assert!(same < 0.1 * other, "{same} and {other}");
 }
 
 /// A view that goes on with other settings, and so with other textures, shows no frame without a history.

@@ -370,8 +370,8 @@ fn inverse_offset([x_row, y_row, z_row]: [DVec3; 3], translation: DVec3) -> Opti
     (offset.abs().max_element() <= MAX_OFFSET && offset.element_sum().is_finite()).then_some(offset)
 }
 
-/// Follows a matrix of which only the translation changed, as [`invert`] would. Returns false and changes nothing if shaders couldn't use the
-/// inverse.
+/// Updates an inverse after a change of the matrix's translation, with the same result as [`invert`]. Returns false and changes nothing if
+/// shaders couldn't use the inverse.
 #[inline]
 pub fn move_inverse(rows: &mut [[f32; 4]; 3], translation: Vec3A) -> bool {
     let row = |row: [f32; 4]| DVec3::new(row[0].into(), row[1].into(), row[2].into());
