@@ -85,6 +85,9 @@ pub struct Arguments {
     /// Rewrite tables, summary and charts from the results.json and results.csv in --out, without measuring, on any machine
     #[arg(long)]
     pub rewrite: bool,
+    /// Print the least error of an image that takes each tile from one of two techniques, from the images in --out of at least 2 --runs
+    #[arg(long, value_name = "NAME,NAME", value_delimiter = ',', requires = "runs")]
+    pub mix: Vec<String>,
     /// Describe the machine. Used by the tool itself.
     #[arg(long, hide = true)]
     pub probe: bool,
@@ -267,22 +270,24 @@ impl Arguments {
         Ok(())
     }
 
-    /// The techniques, in the order of tables.
-    fn names(&self) -> Result<Vec<&'static str>, String> {
+    /// The techniques, in the order of tables. Those with other settings of the denoiser come last.
+    fn names(&self) -> Result<Vec<&str>, String> {
         if self.techniques.is_empty() && self.held_out {
             return Ok(HELD_OUT_TECHNIQUES.into());
         }
         if self.techniques.is_empty() {
             return Ok(job::techniques(self.quick));
         }
-        if let Some(unknown) = self.techniques.iter().find(|name| !TECHNIQUES.contains(&name.trim())) {
+        let asked: Vec<&str> = self.techniques.iter().map(|name| name.trim()).collect();
+        if let Some(unknown) = asked.iter().find(|name| !techniques::is_known(name)) {
             return Err(format!(
                 "there is no technique `{unknown}`; there are: {}",
                 TECHNIQUES.join(", ")
             ));
         }
-        let asked = |name: &&str| self.techniques.iter().any(|word| word.trim() == *name);
-        Ok(TECHNIQUES.into_iter().filter(asked).collect())
+        let listed = TECHNIQUES.into_iter().filter(|name| asked.contains(name));
+        let others = asked.iter().copied().filter(|name| !TECHNIQUES.contains(name));
+        Ok(listed.chain(others).collect())
     }
 
     fn scenes(&self) -> Result<Vec<SceneSource>, String> {

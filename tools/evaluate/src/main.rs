@@ -66,7 +66,9 @@ fn main() -> ExitCode {
     if let Some(file) = &arguments.job {
         return end(work(file));
     }
-    let outcome = if arguments.rewrite {
+    let outcome = if !arguments.mix.is_empty() {
+        mix(&arguments)
+    } else if arguments.rewrite {
         rewrite(&arguments)
     } else {
         evaluate(&arguments)
@@ -118,6 +120,24 @@ fn rewrite(arguments: &Arguments) -> Result<ExitCode, String> {
     };
     results.write()?;
     progress::say(out.join("summary.md").display());
+    Ok(ExitCode::SUCCESS)
+}
+
+/// Prints the errors of mixes of two techniques.
+fn mix(arguments: &Arguments) -> Result<ExitCode, String> {
+    let [first, second] = arguments.mix.as_slice() else {
+        return Err("--mix takes two techniques".to_owned());
+    };
+    let out = arguments.out.as_deref().ok_or("--out is missing")?;
+    let runs = arguments
+        .runs
+        .filter(|runs| *runs >= 2)
+        .ok_or("--mix takes at least 2 --runs")?;
+    _ = writeln!(
+        std::io::stdout(),
+        "{}",
+        compare::mix::table(out, [first, second], runs)?
+    );
     Ok(ExitCode::SUCCESS)
 }
 

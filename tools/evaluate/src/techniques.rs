@@ -1,6 +1,6 @@
 //! Translates names of techniques to components on the camera. Only this module switches them on and off.
 
-use crate::job::{TracerName, Variant};
+use crate::job::{TECHNIQUES, TracerName, Variant};
 use bevy::{
     core_pipeline::prepass::{DeferredPrepass, DepthPrepass, MotionVectorPrepass, NormalPrepass},
     pbr::ScreenSpaceReflections,
@@ -13,6 +13,11 @@ use bevy_glint::{
 };
 use bevy_solari::prelude::SolariLighting;
 use glint_scenes::HeadlessApp;
+
+/// Returns whether a technique can be measured by this name.
+pub fn is_known(name: &str) -> bool {
+    TECHNIQUES.contains(&name) || named_settings(name).is_ok()
+}
 
 /// Roughness cut-off of the ground truth, which traces everything.
 pub const TRUTH_CUTOFF: f32 = 1.0;

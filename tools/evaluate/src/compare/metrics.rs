@@ -18,6 +18,11 @@ pub struct ErrorMap {
 }
 
 impl ErrorMap {
+    /// The errors, row by row.
+    pub fn values(&self) -> Vec<f32> {
+        self.errors.to_vec()
+    }
+
     /// The errors in FLIP's colours: black is no error, yellow a large one.
     pub fn image(&self) -> Option<RgbImage> {
         let colors = self.errors.apply_color_lut(&nv_flip::magma_lut()).to_vec();

@@ -6,6 +6,7 @@ mod degradations;
 pub mod image;
 pub mod log;
 pub mod metrics;
+pub mod mix;
 pub mod pool;
 pub mod reflected_light;
 pub mod score;
