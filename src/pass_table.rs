@@ -11,7 +11,7 @@ use crate::{
     pipelines::{Pass, Pipelines},
     rate::{ADAPTIVE_RATES, RATES},
     scene::SceneBindings,
-    trace::{CONVERGED, INLINE, KEPT_RAYS, MIRRORS, RAYS, SHADING, SHADING_AND_MIRRORS},
+    trace::{CONVERGED, INLINE, KEPT_RAYS, MIRRORS, RAYS, SHADING, SHADING_AND_MIRRORS, SHADING_MIRRORS_AND_KEPT_RAYS},
 };
 #[cfg(feature = "internals")]
 use crate::{pipelines::Options, scene::Features};
@@ -24,12 +24,13 @@ use bevy::{
 };
 
 /// All passes over the G-buffer.
-pub(crate) const PASSES: [&Pass; 24] = [
+pub(crate) const PASSES: [&Pass; 25] = [
     RATES,
     ADAPTIVE_RATES,
     RAYS,
     SHADING,
     SHADING_AND_MIRRORS,
+    SHADING_MIRRORS_AND_KEPT_RAYS,
     MIRRORS,
     CONVERGED,
     INLINE,

@@ -9,7 +9,7 @@ use crate::{
     pipelines::Pipelines,
     rate::{RateImages, determine_rates},
     settings::ReflectionTechnique,
-    trace::{TraceState, VrsPass, trace_kept_rays, trace_rays},
+    trace::{TraceState, VrsPass, trace_rays},
 };
 use bevy::{
     ecs::{prelude::*, system::SystemParam},
@@ -78,16 +78,15 @@ impl ViewPasses<'_> {
         surfaces: Surfaces,
     ) -> bool {
         let span = self.stages.time_span(ctx.command_encoder(), "trace");
-        let follows_light = trace_kept_rays(ctx, (self.pipelines, self.trace), context);
-        let watches = trace_rays(ctx, (self.pipelines, self.trace), context, vrs);
+        let traced = trace_rays(ctx, (self.pipelines, self.trace), context, vrs);
         span.end(ctx.command_encoder());
-        denoise(ctx, self.pipelines, context, follows_light, self.stages);
+        denoise(ctx, self.pipelines, context, traced.follows_light, self.stages);
         let span = self.stages.time_span(ctx.command_encoder(), "composite");
         if self.shows {
             composite_reflection(ctx, self.pipelines, context, target, surfaces);
         }
         span.end(ctx.command_encoder());
-        watches
+        traced.watches
     }
 }
 

@@ -43,7 +43,7 @@ pub const REFLECTION_FORMAT: TextureFormat = TextureFormat::Rgba16Float;
 /// The frame for rays that reuse it: exposed light, and the distance from the viewer in metres (at most 60,000; 0 is the sky).
 pub const SCREEN_FORMAT: TextureFormat = TextureFormat::Rgba16Float;
 
-/// Pixels of a cell of [`LightChangeTargets`] in each direction, as in `trace/kept_rays.wesl` and `denoise/light_change.wesl`.
+/// Pixels of a cell of [`LightChangeTargets`] in each direction, as in `gbuffer.wesl`.
 const CELL: u32 = 16;
 /// Bytes of a ray in [`LightChangeTargets::rays`].
 const KEPT_RAY_BYTES: u64 = 48;
@@ -189,7 +189,7 @@ pub struct PipelineTargets {
 
 /// Rays that are traced again, and the changes that they found.
 pub struct LightChangeTargets {
-    /// One `KeptRay` of `trace/kept_rays.wesl` for each cell of pixels.
+    /// One `KeptRay` of `trace/kept_ray.wesl` for each cell of pixels.
     pub rays: Buffer,
     /// [`RADIANCE_FORMAT`] (cell): change of the light, and light.
     pub changes: TextureView,
@@ -481,9 +481,7 @@ mod tests {
 
     #[test]
     fn shaders_have_the_same_cells() {
-        let kept = include_str!("trace/kept_rays.wesl");
-        assert!(kept.contains(&format!("const CELL_LOG2: u32 = {}u;", CELL.ilog2())));
-        let read = include_str!("denoise/light_change.wesl");
-        assert!(read.contains(&format!("const CELL: u32 = {CELL}u;")));
+        let shader = include_str!("gbuffer.wesl");
+        assert!(shader.contains(&format!("const KEPT_CELL_LOG2: u32 = {}u;", CELL.ilog2())));
     }
 }

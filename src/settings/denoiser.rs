@@ -34,8 +34,10 @@ pub struct ReflectionDenoiser {
     pub converge_static_views: bool,
     /// Shortens the history where the light of a reflection changes, such as that of a lamp that swings: a few extra rays are kept for some
     /// frames and traced again, and show by how much. Without it, such light lags behind by some frames, and bright light leaves a trail.
-    /// It costs a ray for each 16x16 pixels, and at least the latency of one ray with its shadow rays, since so few rays can't hide it. It
-    /// costs nothing from the fourth frame after a change on. Changes of the environment or of fog alone aren't followed. It has no effect
+    /// It costs a ray for each 16x16 pixels. These share a dispatch with the shading of hits; the time of one ray with its shadow rays is
+    /// only hidden there if rays of exact mirrors are in it, too
+    /// ([`full_resolution_mirrors`](crate::RayTracedReflections::full_resolution_mirrors)). It costs nothing from the fourth frame after a
+    /// change on. Changes of the environment or of fog alone aren't followed. It has no effect
     /// with [`ScreenTraces`](crate::ScreenTraces), without [`temporal`](Self::temporal), and on
     /// [`Converged`](crate::ReflectionTechnique::Converged). Default: false. The paper has no such step.
     pub follow_light_changes: bool,

@@ -1,5 +1,5 @@
 //! Rays of the lists: one for each block, traced in one pass and shaded in the next; and one for each pixel of an exact mirror, traced
-//! in that shading pass or in a separate pass.
+//! in that shading pass or in a separate pass, as are kept rays.
 
 use crate::{
     common::word_offset,
@@ -54,6 +54,19 @@ pub(crate) const SHADING_AND_MIRRORS: &Pass = &Pass {
     ..*SHADING
 };
 
+/// The pass that also traces kept rays again. With that, few rays that take long share a dispatch with many that don't.
+pub(crate) const SHADING_MIRRORS_AND_KEPT_RAYS: &Pass = &Pass {
+    label: "glint_shade_hits_mirrors_and_kept_rays",
+    bindings: || {
+        let mut bindings = (SHADING_AND_MIRRORS.bindings)();
+        bindings.extend(kept_ray_bindings());
+        bindings
+    },
+    options: Options::MIRRORS.union(Options::KEPT_RAYS),
+    failure: Failure::KEPT_RAYS,
+    ..*SHADING_AND_MIRRORS
+};
+
 /// The pass over the mirror ray list.
 pub(crate) const MIRRORS: &Pass = &Pass {
     label: "glint_trace_mirror_rays",
@@ -95,6 +108,16 @@ fn mirror_bindings() -> [Binding; 3] {
             context.images()?.mirror_radiance(context.now())
         }),
         Binding::written(STATS_FORMAT, |context| context.images()?.mirror_stats(context.now())),
+    ]
+}
+
+/// Kept rays, and the changes that they find.
+pub(super) fn kept_ray_bindings() -> [Binding; 2] {
+    [
+        Binding::written_words(12, |context| Some(&context.images()?.light_changes.as_ref()?.rays)),
+        Binding::written(RADIANCE_FORMAT, |context| {
+            Some(&context.images()?.light_changes.as_ref()?.changes)
+        }),
     ]
 }
 

@@ -1,11 +1,10 @@
-//! Rays of earlier frames that are traced again, for the light that changes.
+//! Rays of earlier frames that are traced again, for the light that changes, if no other pass traces them on the way.
 
-use super::blocks::RAYS;
+use super::blocks::{RAYS, kept_ray_bindings};
 use crate::{
     gbuffer::{Binding, PassContext},
     pipelines::{Failure, Options, Pass, Pipelines, Variant},
     scene::Passes,
-    targets::RADIANCE_FORMAT,
 };
 use bevy::render::renderer::RenderContext;
 
@@ -17,13 +16,9 @@ pub(crate) const KEPT_RAYS: &Pass = &Pass {
     options: Options::KEPT_RAYS,
     failure: Failure::KEPT_RAYS,
     bindings: || {
-        vec![
-            Binding::floats(|context| Some(context.albedo_table)),
-            Binding::written_words(12, |context| Some(&context.images()?.light_changes.as_ref()?.rays)),
-            Binding::written(RADIANCE_FORMAT, |context| {
-                Some(&context.images()?.light_changes.as_ref()?.changes)
-            }),
-        ]
+        let mut bindings = vec![Binding::floats(|context| Some(context.albedo_table))];
+        bindings.extend(kept_ray_bindings());
+        bindings
     },
     ..*RAYS
 };

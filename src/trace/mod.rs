@@ -4,7 +4,7 @@
 //! |---|---|
 //! | `passes.rs` | the passes that trace the rays of a view |
 //! | `blocks`, `inline`, `converged`, `vrs` | the passes: bindings in Rust, work in WESL |
-//! | `kept_rays` | a few rays of earlier frames, traced again to see changes of the light |
+//! | `kept_rays`, `kept_ray.wesl` | a few rays of earlier frames, traced again to see changes of the light |
 //! | `state.rs`, `variant.rs` | the features that they are compiled for |
 //! | `plan.rs` | which of them run, in which variants, while others are compiled |
 //! | `resources.rs` | their inputs from the render world |
@@ -43,12 +43,12 @@ pub use resources::{PassResources, PassView};
 pub use state::TraceState;
 pub use vrs::VrsPass;
 
-pub(crate) use blocks::{MIRRORS, RAYS, SHADING, SHADING_AND_MIRRORS};
+pub(crate) use blocks::{MIRRORS, RAYS, SHADING, SHADING_AND_MIRRORS, SHADING_MIRRORS_AND_KEPT_RAYS};
 pub(crate) use converged::CONVERGED;
 pub(crate) use fallback::{Fallbacks, choose};
 pub(crate) use inline::INLINE;
 pub(crate) use kept_rays::KEPT_RAYS;
-pub(crate) use passes::{trace_kept_rays, trace_rays};
+pub(crate) use passes::trace_rays;
 pub(crate) use state::request_trace_passes;
 
 use crate::{device::tracing_app, schedule::ReflectionSystems};
@@ -77,6 +77,7 @@ impl Plugin for TracePlugin {
         load_shader_library!(app, "fog.wesl");
         load_shader_library!(app, "hit.wesl");
         load_shader_library!(app, "hit_surface.wesl");
+        load_shader_library!(app, "kept_ray.wesl");
         load_shader_library!(app, "light_numbers.wesl");
         load_shader_library!(app, "lobe.wesl");
         load_shader_library!(app, "miss.wesl");

@@ -23,7 +23,7 @@ pub(super) type Find<'a> = &'a dyn Fn(&'static Pass, Features, Features) -> Opti
 pub(super) fn passes(demand: Demand, wanted: Features, can_join: bool) -> impl Iterator<Item = &'static Pass> {
     let mirrors = demand.mirrors.then_some(MIRRORS);
     let passes = match demand.rays {
-        RayPass::Blocks if demand.may_join && can_join && lost_by_joining(wanted).is_empty() => {
+        RayPass::Blocks if demand.may_join() && can_join && lost_by_joining(wanted).is_empty() => {
             [Some(RAYS), Some(SHADING_AND_MIRRORS), None]
         }
         RayPass::Blocks => [Some(RAYS), Some(SHADING), mirrors],
@@ -34,7 +34,7 @@ pub(super) fn passes(demand: Demand, wanted: Features, can_join: bool) -> impl I
 }
 
 /// Features that the combined pass for shading and mirror rays lacks: lights without bits, and rays that are followed through layers.
-fn lost_by_joining(wanted: Features) -> Features {
+pub(super) fn lost_by_joining(wanted: Features) -> Features {
     (wanted & Features::MANY_LIGHTS) | (features_of(MIRRORS, wanted) & Features::LAYERS)
 }
 
@@ -76,7 +76,7 @@ impl Plan {
         let (of_hits, spare) = (wanted & noted, any & noted);
         let shading = best(SHADING, of_hits, spare);
         let lost = lost_by_joining(wanted);
-        let joined = demand.may_join.then(|| best(SHADING_AND_MIRRORS, of_hits, spare));
+        let joined = demand.may_join().then(|| best(SHADING_AND_MIRRORS, of_hits, spare));
         let joined = joined.flatten().map(|(pass, mut fit)| {
             fit.missing |= lost;
             Self([Some(rays), Some((pass, fit)), None])
@@ -95,6 +95,12 @@ impl Plan {
     /// The passes in order.
     pub fn steps(self) -> impl Iterator<Item = (&'static Pass, Features)> {
         self.0.into_iter().flatten().map(|(pass, fit)| (pass, fit.features))
+    }
+
+    /// Returns whether the first pass records the tints of its hits.
+    pub fn has_tints(&self) -> bool {
+        let rays = self.0[0];
+        rays.is_some_and(|(_, fit)| fit.features.contains(Features::TINTS))
     }
 
     /// Features that some pass lacks while its shader is compiled.

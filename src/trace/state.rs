@@ -1,10 +1,11 @@
 //! The passes that views trace rays with, for the features of the scene; and the tables that they read.
 
 use super::{
+    blocks::SHADING_MIRRORS_AND_KEPT_RAYS,
     directional_albedo::{ALBEDO_TABLE_SIZE, DirectionalAlbedo},
     inline::INLINE,
     kept_rays::KEPT_RAYS,
-    plan::{Plan, passes},
+    plan::{Plan, lost_by_joining, passes},
     surface_shader::SurfaceShader,
     variant::{Demand, PASSES, features_of},
 };
@@ -36,6 +37,8 @@ use bevy::{
 /// Number of storage buffers in the pass that shades hits and traces mirror rays: the same as in the pass over the list of rays
 /// (`device/support.rs`), plus the other list and light probes.
 const JOINED_STORAGE_BUFFERS: u32 = 11;
+/// The same with kept rays.
+const SHARED_STORAGE_BUFFERS: u32 = JOINED_STORAGE_BUFFERS + 1;
 
 /// Features that the tracing passes are compiled for, and their tables. A GPU resource.
 #[derive(Resource)]
@@ -48,6 +51,8 @@ pub struct TraceState {
     pub(super) noise: Option<TextureView>,
     /// Whether the device has enough storage buffers for the pass that shades hits and traces mirror rays.
     can_join: bool,
+    /// Whether it has enough of them for the pass that also traces kept rays.
+    can_share: bool,
     /// Demands of settings that wait for their passes.
     wanted: HashSet<Demand>,
     /// Features of the scene and of the app.
@@ -135,11 +140,25 @@ impl TraceState {
         self.missing.expected.is_empty() && self.is_warm
     }
 
-    /// The variant that traces rays of earlier frames again; `None` until it is compiled.
-    pub(super) fn kept_rays(&self, settings: &ClampedSettings, (pipelines, cache): Compiled) -> Option<Variant> {
-        let wanted = kept_rays(self.features, settings);
+    /// The variant that traces kept rays again, on the way or alone; `None` until it is compiled.
+    pub(super) fn kept_rays(&self, demand: Demand, plan: &Plan, (pipelines, cache): Compiled) -> Option<Variant> {
+        let wanted = self.kept_ray_variant(demand, self.features);
         let fit = pipelines.best(cache, &wanted, Features::HARMLESS)?;
-        Some(variant(KEPT_RAYS, fit.features))
+        // The pass stands in for one that shades hits.
+        let fits = fit.missing.is_empty() && fit.features.contains(Features::TINTS) == plan.has_tints();
+        (wanted.pass == KEPT_RAYS || fits).then(|| variant(wanted.pass, fit.features))
+    }
+
+    /// The variant that traces kept rays again in a scene with these features.
+    fn kept_ray_variant(&self, demand: Demand, features: Features) -> Variant {
+        let wanted = features | demand.asked;
+        let shares = self.can_share && demand.may_share && lost_by_joining(wanted).is_empty();
+        let pass = if shares {
+            SHADING_MIRRORS_AND_KEPT_RAYS
+        } else {
+            KEPT_RAYS
+        };
+        variant(pass, features_of(pass, wanted))
     }
 
     /// Counts the frames in which the scene changes. Returns whether there were some.
@@ -168,13 +187,6 @@ fn plan(features: Features, demand: Demand, (pipelines, cache): Compiled) -> Opt
     })
 }
 
-fn kept_rays(features: Features, settings: &ClampedSettings) -> Variant {
-    variant(
-        KEPT_RAYS,
-        features_of(KEPT_RAYS, features | Features::asked_by(settings)),
-    )
-}
-
 fn variant(pass: &'static Pass, features: Features) -> Variant {
     pass.variant(features, Options::empty())
 }
@@ -182,11 +194,13 @@ fn variant(pass: &'static Pass, features: Features) -> Variant {
 impl FromWorld for TraceState {
     fn from_world(world: &mut World) -> Self {
         let device = world.resource::<RenderDevice>();
+        let storage_buffers = device.limits().max_storage_buffers_per_shader_stage;
         Self {
             attachment_shader: load_embedded_asset!(world.resource::<AssetServer>(), "vrs.wesl"),
             albedo_table: create_albedo_table(device, world.resource::<RenderQueue>()),
             noise: None,
-            can_join: device.limits().max_storage_buffers_per_shader_stage >= JOINED_STORAGE_BUFFERS,
+            can_join: storage_buffers >= JOINED_STORAGE_BUFFERS,
+            can_share: storage_buffers >= SHARED_STORAGE_BUFFERS,
             wanted: HashSet::default(),
             features: Features::MASKED,
             warm: Features::empty(),
@@ -278,8 +292,9 @@ pub(crate) fn request_trace_passes(
     if state.count_changes(scene.version.all) {
         let library = state.features - Features::SURFACE_SHADER;
         for view in views.iter().filter(|view| view.settings.follows_light()) {
+            let demand = Demand::of(&view.settings);
             let all = [library, state.features];
-            pipelines.want(&cache, all.map(|features| kept_rays(features, &view.settings)));
+            pipelines.want(&cache, all.map(|features| state.kept_ray_variant(demand, features)));
         }
     }
     state.warm_up(&demands, &mut pipelines, &cache);

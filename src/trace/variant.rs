@@ -28,8 +28,8 @@ pub(super) struct Demand {
     pub rays: RayPass,
     /// Exact mirrors have their own rays.
     pub mirrors: bool,
-    /// These can be traced in the pass that shades the blocks' hits.
-    pub may_join: bool,
+    /// Other rays can be traced in the pass that shades the blocks' hits.
+    pub may_share: bool,
     /// Features that the settings request.
     pub asked: Features,
 }
@@ -47,12 +47,18 @@ impl Demand {
         Self {
             rays,
             mirrors,
-            may_join: mirrors
-                && rays == RayPass::Blocks
+            may_share: rays == RayPass::Blocks
                 && settings.backend != ReflectionBackend::HardwareVrs
                 && !settings.has_bounces(),
             asked: Features::asked_by(settings),
         }
+    }
+}
+
+impl Demand {
+    /// Returns whether rays of mirrors can be traced in the pass that shades the blocks' hits.
+    pub fn may_join(self) -> bool {
+        self.mirrors && self.may_share
     }
 }
 
@@ -79,7 +85,7 @@ mod tests {
 
     #[test]
     fn mirrors_join_the_shading_of_blocks_alone() {
-        let joins = |settings: RayTracedReflections| Demand::of(&ClampedSettings::from(&settings)).may_join;
+        let joins = |settings: RayTracedReflections| Demand::of(&ClampedSettings::from(&settings)).may_join();
         let default = RayTracedReflections::default;
         assert!(joins(default()));
         for technique in [ReflectionTechnique::QuarterInline, ReflectionTechnique::Converged] {

@@ -240,6 +240,7 @@ impl ReflectionTextures {
             accumulated: self.accumulated,
             static_frames: if converged { 0 } else { static_frames },
             is_shifted,
+            follows_light: self.light_frames > 0,
             is_cut: self.accumulated > 0 && !frame.follows_own_motion && (self.is_borrowed || is_elsewhere),
             has_screen: self.replaced.is_none(),
             previous: self.previous.replace(now).unwrap_or(now),

@@ -136,6 +136,8 @@ pub const VIEW_SCREEN_IS_NEW: u32 = 512;
 pub const VIEW_CAMERA_CUT: u32 = 2048;
 /// The world was shifted since rays were last traced again.
 pub const VIEW_ORIGIN_SHIFTED: u32 = 4096;
+/// Kept rays are traced again in this frame.
+pub const VIEW_FOLLOWS_LIGHT: u32 = 8192;
 
 /// Frame in [`Targets::screen`](crate::targets::Targets::screen) for the rays of a view.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -212,6 +214,8 @@ pub(super) struct FrameState {
     pub previous: PreviousFrame,
     /// The world was shifted since rays were last traced again.
     pub is_shifted: bool,
+    /// Rays of earlier frames are traced again, except in views at rest.
+    pub follows_light: bool,
     /// Bevy's motion vectors don't lead to `previous`.
     pub is_cut: bool,
     /// The view's screen contains its last frame.
@@ -323,7 +327,12 @@ impl GpuReflectionView {
                 | flags(settings, rate)
                 | screen_flags(settings, frame.screen, state)
                 | if state.is_cut { VIEW_CAMERA_CUT } else { 0 }
-                | if state.is_shifted { VIEW_ORIGIN_SHIFTED } else { 0 },
+                | if state.is_shifted { VIEW_ORIGIN_SHIFTED } else { 0 }
+                | if state.follows_light && !state.is_at_rest() {
+                    VIEW_FOLLOWS_LIGHT
+                } else {
+                    0
+                },
             origin: frame.origin,
             gbuffer_origin: frame.gbuffer_origin,
             size: sizes.full,
@@ -446,6 +455,7 @@ mod tests {
             sample_index: 0,
             accumulated,
             static_frames,
+            follows_light: false,
             is_cut: false,
             has_screen: true,
             is_shifted: false,

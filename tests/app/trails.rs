@@ -1,12 +1,13 @@
 //! Moving objects in glossy surfaces, and objects that the camera passes, are nearly as exact as static ones.
 
 use crate::{
-    pictures::{dump, flip, picture_app, reflect, warm_up},
+    pictures::{app_of_device, dump, flip, limited, picture_app, reflect, warm_up},
     stage::{BLUE, GREEN, RED, metal, settings_of, spawn_camera, spawn_mesh, unlit},
 };
 use bevy::{
     mesh::morph::{MeshMorphWeights, MorphAttributes},
     prelude::*,
+    render::settings::{WgpuLimits, WgpuSettings},
 };
 use bevy_glint::{RayTracedReflections, ReflectedParticle, ReflectedParticles, ReflectionTechnique};
 use glint_scenes::{HeadlessApp, SceneName};
@@ -368,6 +369,44 @@ fn light_of_a_lamp_that_swings_leaves_no_trail() {
     let Some([_, third, still]) = errors else { return };
     println!("FLIP {third:.4} after three frames, {still:.4} at rest");
     assert!(third < 1.8 * still, "{third} and {still}");
+}
+
+/// Kept rays share a dispatch with the shading of hits, if the device has enough storage buffers.
+#[test]
+fn kept_rays_find_the_same_on_the_way_as_alone() {
+    const TOO_FEW: u32 = 11;
+    let image = |buffers: Option<u32>, follow: bool| {
+        let device = buffers.map_or_else(WgpuSettings::default, |buffers| {
+            limited(WgpuLimits {
+                max_storage_buffers_per_shader_stage: buffers,
+                ..WgpuLimits::unlimited()
+            })
+        });
+        let mut app = app_of_device(SIZE, device)?;
+        let scene = lit_wall(&mut app, 0.3);
+        let technique = ReflectionTechnique::Quarter;
+        reflect(&mut app, scene.camera, technique);
+        let mut settings = RayTracedReflections { technique, ..default() };
+        settings.denoiser.follow_light_changes = follow;
+        app.world().entity_mut(scene.camera).insert(settings);
+        for _ in 0..2 {
+            CROSS(&mut app, &scene, -12.0);
+            warm_up(&mut app);
+            for _ in 0..12 {
+                CROSS(&mut app, &scene, 1.0);
+                app.step(1);
+            }
+        }
+        Some(app.capture().unwrap())
+    };
+    let (Some(shared), Some(alone), Some(without)) =
+        (image(None, true), image(Some(TOO_FEW), true), image(None, false))
+    else {
+        return;
+    };
+    let [alone, without] = [alone, without].map(|image| flip(SIZE, &shared, &image).0);
+    println!("FLIP {alone:.5} alone, {without:.5} without");
+    assert!(alone < 0.001 && without > 0.01, "{alone} and {without}");
 }
 
 #[test]

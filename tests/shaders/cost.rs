@@ -53,6 +53,7 @@ trace/converged
 trace/converged BOUNCES
 trace/inline
 trace/kept_rays KEPT_RAYS
+trace/shade MIRRORS KEPT_RAYS
 front_layer/find FRONT_LAYER";
 
 /// All others, and passes for scenes with rare features.
