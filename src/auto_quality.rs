@@ -9,6 +9,7 @@ use crate::{
 };
 use bevy::{
     app::{App, Plugin, PreUpdate},
+    camera::Camera,
     diagnostic::DiagnosticsStore,
     ecs::{entity::EntityHashMap, prelude::*, reflect::ReflectEvent},
     log::warn_once,
@@ -60,6 +61,7 @@ fn reflects(camera: Entity, report: &ReflectionStatusReport) -> bool {
 
 type Searching = (
     Entity,
+    Option<&'static Camera>,
     Ref<'static, ReflectionAutoQuality>,
     Option<&'static ReflectionQuality>,
     Option<&'static mut ReflectionEffort>,
@@ -86,13 +88,17 @@ fn choose_qualities(
     let adapter = adapter.map(|adapter| adapter.device_type);
     let tracer = status.read(|report| report.tracer);
     searches.retain(|camera, _| cameras.contains(*camera));
-    for (camera, settings, quality, effort) in &mut cameras {
+    for (camera, drawn, settings, quality, effort) in &mut cameras {
         let mut lacks_times = false;
         let decision = match searches.get_mut(&camera) {
             Some(search) if !settings.is_changed() => {
                 if quality != Some(&search.quality) {
                     // Other code has chosen.
                     commands.entity(camera).try_remove::<ReflectionAutoQuality>();
+                    continue;
+                }
+                // In a pause there is nothing to measure, and the search waits.
+                if drawn.is_some_and(|camera| !camera.is_active) {
                     continue;
                 }
                 let (reflects, has_meshes) =

@@ -71,6 +71,13 @@ impl CameraQueryItem<'_, '_> {
         has_prepasses && self.hdr && !self.screen_space && self.msaa.is_none_or(|msaa| *msaa == Msaa::Off)
     }
 
+    /// Returns whether its target has pixels. A minimised window has none.
+    fn has_pixels(&self) -> bool {
+        self.camera
+            .physical_target_size()
+            .is_some_and(|size| size.cmpgt(UVec2::ZERO).all())
+    }
+
     /// Returns whether the camera waits for its prepasses, while Bevy compiles what it shows.
     fn awaits_prepasses(&self) -> bool {
         self.request.is_some() && !(self.hdr && self.depth && self.deferred && self.normal)
@@ -437,7 +444,8 @@ pub(super) fn extract_cameras(
         }
         let view = existing.get_mut(camera.render_entity).ok();
         let reset = reflections.reset;
-        if extraction.update_view(&camera, request, reset, view) && reset {
+        // Without pixels, no frame begins anew.
+        if extraction.update_view(&camera, request, reset, view) && reset && camera.has_pixels() {
             reflections.bypass_change_detection().reset = false;
         }
     }

@@ -46,7 +46,7 @@ type Hooked = (
     &'static mut LightingHook,
     &'static ViewScreenSpaceReflectionsUniformOffset,
     Option<&'static ReflectionView>,
-    Has<ReflectionTextures>,
+    Option<&'static mut ReflectionTextures>,
 );
 
 /// Makes the lighting of views omit nothing if their passes can't run: the device lacked memory for their textures, or the scene suddenly
@@ -57,10 +57,13 @@ pub(super) fn settle_hooks(
     uniforms: Res<ScreenSpaceReflectionsBuffer>,
     queue: Res<RenderQueue>,
 ) {
-    for (mut hook, offset, view, has_textures) in &mut views {
-        hook.passes_run = has_textures && view.is_some_and(|view| readiness.is_ready(&view.settings, &view.rate));
+    for (mut hook, offset, view, textures) in &mut views {
+        hook.passes_run = textures.is_some() && view.is_some_and(|view| readiness.is_ready(&view.settings, &view.rate));
         if hook.passes_run || view.is_none() {
             continue;
+        }
+        if let Some(mut textures) = textures {
+            textures.miss_frame();
         }
         let mut bytes = UniformBuffer::new(Vec::new());
         if let (Ok(()), Some(buffer)) = (bytes.write(&left_out(None)), uniforms.buffer()) {

@@ -157,6 +157,14 @@ impl TextureLayers {
         true
     }
 
+    /// Releases the source of a layer that is no longer used.
+    pub fn forget(&mut self, layer: u32) {
+        if let Some(source) = self.sources.get_mut(layer as usize) {
+            *source = None;
+        }
+        self.outdated.remove(&layer);
+    }
+
     /// Releases all copies and their sources.
     pub fn clear(&mut self, device: &RenderDevice) {
         self.sources.clear();

@@ -220,6 +220,10 @@ impl TextureTable {
             *place = None;
             self.indices.remove(&id);
             self.pending.remove(&index);
+            self.refused.remove(&index);
+            if let Some(layers) = &mut self.layers {
+                layers.forget(index);
+            }
             self.free.give(index);
             while let Some(None) = self.entries.last() {
                 self.entries.pop();

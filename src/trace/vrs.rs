@@ -59,8 +59,8 @@ impl VrsPass<'_> {
             return true;
         }
         let Some(backend) = &mut self.backend else { return false };
-        // After an error the device is unavailable, so that the view falls back.
-        backend.prepare(cache, request).unwrap_or(false)
+        // After an error the device is unavailable, so that the view falls back. Until then its rays come from the list.
+        backend.prepare(cache, request).unwrap_or(true)
     }
 
     /// Traces the rays of a view's blocks. Returns false if nothing was drawn. After an error, the device is unavailable

@@ -74,8 +74,8 @@ impl PreparedViewItem<'_, '_> {
     }
 
     /// Capacity of new textures in pixels. A view that grows gets an extra quarter, up to its maximum size, since it might grow again in
-    /// the next frame.
-    fn capacity(&self, full: UVec2) -> UVec2 {
+    /// the next frame. `most` is the maximum size of textures.
+    fn capacity(&self, full: UVec2, most: u32) -> UVec2 {
         let grows = |textures: &ReflectionTextures| full.cmpgt(textures.targets.capacity()).any();
         if !self.textures.as_deref().is_some_and(grows) {
             return full;
@@ -84,7 +84,9 @@ impl PreparedViewItem<'_, '_> {
             Some(_) => self.camera.physical_viewport_size,
             None => self.camera.physical_target_size,
         };
-        (full + full / 4).min(largest.unwrap_or(full)).max(full)
+        // Hits take two texels for each trace pixel.
+        let most = UVec2::splat(most / 2 * self.view.settings.technique.trace_scale());
+        (full + full / 4).min(largest.unwrap_or(full)).min(most).max(full)
     }
 
     /// Capacity of its textures in pixels.
@@ -219,7 +221,7 @@ pub(super) fn prepare_views(
     for view in &mut views {
         let Some(sizes) = view.sizes() else { continue };
         let needs = Needs::new(&view.view.settings, in_place.allows(view.extracted.target_format));
-        let capacity = view.capacity(sizes.full);
+        let capacity = view.capacity(sizes.full, device.limits().max_texture_dimension_2d);
         let frame = view.frame(&surroundings);
         let PreparedViewItem {
             entity,
@@ -248,9 +250,12 @@ pub(super) fn prepare_views(
                     textures
                 };
                 let Some(mut textures) = try_allocate(&device, create) else {
-                    // Textures of other sizes or settings are useless.
-                    commands.entity(entity).remove::<ReflectionTextures>();
-                    refused.note(entity);
+                    // Textures of other sizes or settings are useless. Without them there might be enough memory.
+                    if old.is_some() {
+                        commands.entity(entity).remove::<ReflectionTextures>();
+                    } else {
+                        refused.note(entity);
+                    }
                     continue;
                 };
                 borrow_history(&mut textures, view, &frame, &left);

@@ -183,6 +183,11 @@ impl ReflectionTextures {
         self.sample_index = 0;
     }
 
+    /// Records that no pass writes this frame, so that the next one begins a history.
+    pub(crate) fn miss_frame(&mut self) {
+        self.accumulated = 0;
+    }
+
     /// Call after each frame.
     pub(crate) fn end_frame(&mut self) {
         self.groups.drop_unused();
@@ -209,6 +214,10 @@ impl ReflectionTextures {
         } else {
             ViewFingerprint::new(view, frame, self.met)
         };
+        if scene_changed && !self.is_of_last_frame(frame) {
+            // The marks of what changed in a pause have expired, so no ray can meet the change.
+            self.static_view = StaticView::default();
+        }
         let static_frames = self.static_view.count(fingerprint);
         if view.reset || (converged && (scene_changed || static_frames == 0)) {
             self.accumulated = 0;

@@ -56,6 +56,7 @@ fn cameras_come_and_go() {
         a_cut_shows_reflections_in_its_first_frame,
         a_cut_keeps_the_history_of_what_both_cameras_see,
         a_frame_without_a_camera_loses_nothing,
+        a_change_in_a_pause_is_followed,
         after_a_time_without_a_camera_all_is_freed,
         a_reset_is_not_put_off_by_pipelines,
         images_of_rates_can_take_turns,
@@ -230,6 +231,39 @@ fn a_frame_without_a_camera_loses_nothing(app: &mut HeadlessApp, tracer: Reflect
         "{tracer:?}"
     );
     app.world().despawn(added);
+}
+
+/// A view at rest has a long history that isn't clipped. A change that no frame marked must end its rest.
+fn a_change_in_a_pause_is_followed(app: &mut HeadlessApp, tracer: ReflectionTracerChoice) {
+    retain(app, FOREVER);
+    spawn_mesh(app, wall(), metal(0.3), Transform::IDENTITY);
+    let panel = spawn_mesh(
+        app,
+        Cuboid::new(6.0, 4.0, 0.1),
+        unlit(RED),
+        Transform::from_xyz(0.0, 0.0, 6.0),
+    );
+    let camera = spawn_reflecting(app);
+    app.world().entity_mut(camera).insert(RayTracedReflections::default());
+    warm_up(app);
+    until_at_rest(app);
+    (0..60).for_each(|_| frame(app));
+    let before = app.capture().unwrap();
+    activate(app, camera, false);
+    frame(app);
+    let material = app.world().get::<MeshMaterial3d<StandardMaterial>>(panel).unwrap().id();
+    let mut materials = app.world().resource_mut::<Assets<StandardMaterial>>();
+    materials.get_mut(material).unwrap().base_color = Color::BLACK;
+    (0..24).for_each(|_| frame(app));
+    activate(app, camera, true);
+    (0..24).for_each(|_| frame(app));
+    let after = app.capture().unwrap();
+    settings_of(app, camera).reset = true;
+    (0..40).for_each(|_| frame(app));
+    let expected = app.capture().unwrap();
+    let [before, after] = [before, after].map(|image| difference(&image, &expected));
+    println!("{tracer:?}: mean difference {before:.3} before the change, {after:.3} after the pause");
+    assert!(2.0 * after < before, "{tracer:?}: {after} and {before}");
 }
 
 fn after_a_time_without_a_camera_all_is_freed(app: &mut HeadlessApp, tracer: ReflectionTracerChoice) {

@@ -227,6 +227,11 @@ impl InstanceTable {
             frame,
             ..
         } = self;
+        // A slot is listed again if its object is replaced while it moves.
+        if restless.len() > data.len() {
+            restless.sort_unstable();
+            restless.dedup();
+        }
         restless.retain(|slot| {
             let Some(moved) = moved.get(*slot as usize) else {
                 return false;
@@ -514,6 +519,29 @@ mod tests {
         table.mark_posed(0, false);
         table.settle();
         assert!(motion(&table, 0)[0] == UNKNOWN_MOTION && !table.knows_motions());
+    }
+
+    #[test]
+    fn objects_that_are_replaced_while_they_move_are_listed_once() {
+        let Some((device, _)) = test_gpu::device() else {
+            return;
+        };
+        let mut table = InstanceTable::new(&device);
+        table.reserve(1, &device);
+        table.set(0, object(0.0, NO_TEXTURE, [0; 2]));
+        for frame in 1..200 {
+            let x = frame as f32;
+            table.set_matrices(0, &at(x));
+            // A light that blinks: another material in each frame.
+            let material = frame % 2;
+            table.set(
+                0,
+                object(x, NO_TEXTURE, [0; 2]).map(|object| GpuInstance { material, ..object }),
+            );
+            table.settle();
+        }
+        let most = table.len() + RESTLESS_FRAMES as usize;
+        assert!(table.restless.len() <= most, "{} entries", table.restless.len());
     }
 
     #[test]
