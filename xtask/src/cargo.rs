@@ -73,11 +73,14 @@ pub fn workspace(subcommand: &str) -> Command {
     command
 }
 
+/// Option for a workspace whose demo can render films.
+pub const FILMS: &str = "--features=glint_viewer/film";
+
 /// `cargo test` with the whole workspace selected. The library and its tests are checked for overflows: the profile `bench` of the
 /// manifest shares all other crates with programs.
 pub fn tests() -> Command {
     let mut command = optimized("test", "bench");
-    command.arg("--workspace");
+    command.args(["--workspace", FILMS]);
     command
 }
 

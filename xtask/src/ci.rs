@@ -159,7 +159,7 @@ fn format() -> Result<()> {
 
 fn lints() -> Result<()> {
     let mut all = vec![cargo::workspace("clippy")];
-    all[0].args(["--features", "glint_viewer/film"]);
+    all[0].arg(cargo::FILMS);
     all.extend(cargo::APART.map(|package| {
         let mut clippy = cargo::apart("clippy", package);
         clippy.arg("--release");

@@ -166,6 +166,68 @@ fn panel_and_debug_view() {
     }
 }
 
+#[cfg(feature = "film")]
+#[test]
+#[ignore = "long: two apps, twelve frames each"]
+fn films_show_both_sides() {
+    const FRAMES: usize = 3;
+    const SIZE: [usize; 2] = [64, 36];
+    const GAP: usize = 4;
+    let path = Path::new(FOLDER).join("viewer-film.webp");
+    _ = fs::remove_file(&path);
+    let output = viewer(&[
+        "--headless",
+        "--film",
+        "3",
+        "--size",
+        "64x36",
+        "--out",
+        "viewer-film.webp",
+    ]);
+    let said = String::from_utf8_lossy(&output.stderr);
+    if said.contains("no graphics device was found") {
+        assert!(
+            env::var_os("GLINT_REQUIRE_GPU").is_none(),
+            "a GPU is required, but: {said}"
+        );
+        println!("skipped: film");
+        return;
+    }
+    assert!(output.status.success(), "{said}");
+    let bytes = fs::read(&path).expect("the film is written");
+    let frames: Vec<_> = webp_animation::Decoder::new(&bytes)
+        .expect("it is a film")
+        .into_iter()
+        .collect();
+    assert_eq!(frames.len(), FRAMES);
+    assert!(frames.is_sorted_by(|a, b| a.timestamp() < b.timestamp()));
+    let width = 2 * SIZE[0] + GAP;
+    for frame in &frames {
+        assert_eq!(frame.dimensions(), (width as u32, SIZE[1] as u32));
+    }
+    // Left side, gap and right side of an image, as luminance.
+    let sides = |frame: usize| {
+        let mut sides = [const { Vec::new() }; 3];
+        for (index, pixel) in frames[frame].data().chunks_exact(4).enumerate() {
+            let column = index % width;
+            let side = usize::from(column >= SIZE[0]) + usize::from(column >= SIZE[0] + GAP);
+            sides[side].push((f32::from(pixel[0]) + f32::from(pixel[1]) + f32::from(pixel[2])) / 3.0);
+        }
+        sides
+    };
+    let mean = |a: &[f32]| a.iter().sum::<f32>() / a.len() as f32;
+    let apart = |a: &[f32], b: &[f32]| mean(&a.iter().zip(b).map(|(a, b)| (a - b).abs()).collect::<Vec<_>>());
+    let [first, last] = [sides(0), sides(FRAMES - 1)];
+    println!(
+        "both sides {:.2} apart, gap {:.1}",
+        apart(&first[0], &first[2]),
+        mean(&first[1])
+    );
+    assert!(mean(&first[1]) > 230.0, "the gap is white");
+    assert!(apart(&first[0], &first[2]) > 2.0, "the right side has reflections");
+    assert!(apart(&first[2], &last[2]) > 2.0, "the camera moves");
+}
+
 #[test]
 fn wrong_arguments_are_named() {
     let folder = FOLDER;
