@@ -1,8 +1,12 @@
 //! A denoiser at half the resolution shows what one at full resolution shows.
 
-use crate::pictures::{COARSE, assert_flip, flip, picture_app, use_coarse_shadow_maps, warm_up};
+use crate::{
+    pictures::{COARSE, assert_flip, differing_pixels, flip, picture_app, use_coarse_shadow_maps, warm_up},
+    stage::{metal, spawn_camera, spawn_mesh, unlit},
+};
 use bevy::{math::UVec2, prelude::*};
 use bevy_glint::{RayTracedReflections, ReflectionDebugView, ReflectionTechnique, ShadingRateHeuristic};
+use core::f32::consts::FRAC_PI_4;
 use glint_scenes::{HeadlessApp, SceneName};
 
 /// Not a multiple of two: the last texels have a part of their pixels.
@@ -82,6 +86,32 @@ fn exact_mirrors_keep_their_rays() {
     assert_flip("half-mirrors", SIZE, &full, &half, MIRROR_LIMIT);
     let blurred = flip(SIZE, &full, &shared).0;
     assert!(blurred > 2.0 * MIRROR_LIMIT, "texels are as sharp as pixels: {blurred}");
+}
+
+/// At the edges of a slab that reflects black, before a wall that reflects white, no texel shows the reflection of the other surface.
+#[test]
+fn reflections_stay_on_their_surface() {
+    let Some(mut app) = picture_app(SIZE) else { return };
+    let app = &mut app;
+    let back = Cuboid::new(40.0, 40.0, 0.1);
+    spawn_mesh(app, back, metal(0.2), Transform::from_xyz(0.0, 0.0, -8.0));
+    let turn = Quat::from_rotation_y(FRAC_PI_4) * Quat::from_rotation_z(0.4);
+    let slab = Transform::from_xyz(0.0, 0.0, -3.0).with_rotation(turn);
+    spawn_mesh(app, Cuboid::new(0.8, 1.6, 0.02), metal(0.2), slab);
+    let panel = Cuboid::new(0.1, 40.0, 40.0);
+    spawn_mesh(app, panel, unlit([0; 3]), Transform::from_xyz(12.0, 0.0, -3.0));
+    let camera = spawn_camera(app, Transform::IDENTITY, SceneName::Furnace);
+    let full = settled(app, camera, settings(ReflectionTechnique::Quarter, false));
+    let half = settled(app, camera, settings(ReflectionTechnique::Quarter, true));
+    let dark = |image: &[u8]| image.chunks_exact(4).filter(|pixel| pixel[1] < 64).count();
+    let (slab, pixels) = (dark(&full), (SIZE.x * SIZE.y) as usize);
+    assert!(
+        slab > pixels / 100 && slab < pixels / 2,
+        "the slab has {slab} dark pixels"
+    );
+    let differing = differing_pixels(&full, &half, 32);
+    println!("{differing} pixels differ, of {slab} of the slab");
+    assert!(differing < slab / 50, "{differing} of {slab}");
 }
 
 /// A camera that switches keeps its reflections while the other passes are compiled, and debug views show texels in their place.

@@ -224,7 +224,7 @@ fn films_show_both_sides() {
         mean(&first[1])
     );
     assert!(mean(&first[1]) > 230.0, "the gap is white");
-    assert!(apart(&first[0], &first[2]) > 2.0, "the right side has reflections");
+    assert!(apart(&first[0], &first[2]) > 5.0, "the right side has reflections");
     assert!(apart(&first[2], &last[2]) > 2.0, "the camera moves");
 }
 
