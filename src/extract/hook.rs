@@ -47,6 +47,7 @@ type Hooked = (
     &'static ViewScreenSpaceReflectionsUniformOffset,
     Option<&'static ReflectionView>,
     Option<&'static mut ReflectionTextures>,
+    Option<&'static mut FrontLayer>,
 );
 
 /// Makes the lighting of views omit nothing if their passes can't run: the device lacked memory for their textures, or the scene suddenly
@@ -57,13 +58,16 @@ pub(super) fn settle_hooks(
     uniforms: Res<ScreenSpaceReflectionsBuffer>,
     queue: Res<RenderQueue>,
 ) {
-    for (mut hook, offset, view, textures) in &mut views {
+    for (mut hook, offset, view, textures, layer) in &mut views {
         hook.passes_run = textures.is_some() && view.is_some_and(|view| readiness.is_ready(&view.settings, &view.rate));
         if hook.passes_run || view.is_none() {
             continue;
         }
         if let Some(mut textures) = textures {
             textures.miss_frame();
+        }
+        if let Some(mut layer) = layer {
+            layer.miss_frame();
         }
         let mut bytes = UniformBuffer::new(Vec::new());
         if let (Ok(()), Some(buffer)) = (bytes.write(&left_out(None)), uniforms.buffer()) {

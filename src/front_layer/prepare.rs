@@ -123,6 +123,11 @@ impl FrontLayer {
         self.textures.begin_frame(&self.view, &frame);
     }
 
+    /// Records that no pass writes this frame.
+    pub(crate) fn miss_frame(&mut self) {
+        self.textures.miss_frame();
+    }
+
     fn memory(&self) -> MoreMemory {
         MoreMemory([&self.layer.memory[..], &self.textures.targets.memory].concat())
     }

@@ -57,7 +57,7 @@ mod waiting_room;
 
 pub use bind_group::SceneBindings;
 pub(crate) use bind_group::SceneDefinitions;
-pub(crate) use change::Change;
+pub(crate) use change::{Change, RESTLESS_FRAMES};
 pub(crate) use features::{Features, Fit, Passes};
 pub use materials::ReflectedMaterial;
 pub use origin::OriginShift;

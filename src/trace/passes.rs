@@ -59,6 +59,7 @@ pub(crate) fn trace_rays(
             shared = Some(variant);
         }
     }
+    let mut has_mirrors = false;
     for (pass, features) in plan.steps() {
         let variant = pass.variant(features, Options::empty());
         if pass == INLINE {
@@ -66,11 +67,14 @@ pub(crate) fn trace_rays(
         } else if pass == CONVERGED {
             trace_converged(ctx, pipelines, variant, context);
         } else if let Some(variant) = shared.take_if(|_| pass == SHADING || pass == SHADING_AND_MIRRORS) {
+            has_mirrors = true;
             run_list(ctx, pipelines, variant, context, ALL_RAYS_DISPATCH);
         } else if pass == SHADING_AND_MIRRORS {
             run_list(ctx, pipelines, variant, context, ALL_RAYS_DISPATCH);
         } else if pass == MIRRORS {
-            run_list(ctx, pipelines, variant, context, MIRROR_RAY_DISPATCH);
+            if !has_mirrors {
+                run_list(ctx, pipelines, variant, context, MIRROR_RAY_DISPATCH);
+            }
         } else if !by_hardware {
             run_list(ctx, pipelines, variant, context, RAY_DISPATCH);
         }

@@ -11,7 +11,7 @@ use super::{
 };
 use crate::{
     pipelines::{Options, Pass, Pipelines, Variant},
-    scene::{Change, Features, SceneBindings},
+    scene::{Change, Features, Fit, SceneBindings},
     settings::{ClampedSettings, ReflectionView, ReflectionWarmUp},
     vrs::PipelineRequest,
 };
@@ -140,25 +140,44 @@ impl TraceState {
         self.missing.expected.is_empty() && self.is_warm
     }
 
-    /// The variant that traces kept rays again, on the way or alone; `None` until it is compiled.
+    /// The variant that traces kept rays again, on the way or alone; `None` until one is compiled.
     pub(super) fn kept_rays(&self, demand: Demand, plan: &Plan, (pipelines, cache): Compiled) -> Option<Variant> {
-        let wanted = self.kept_ray_variant(demand, self.features);
-        let fit = pipelines.best(cache, &wanted, Features::HARMLESS)?;
+        let best = |pass| {
+            let wanted = variant(pass, features_of(pass, self.features | demand.asked));
+            pipelines.best(cache, &wanted, Features::HARMLESS)
+        };
+        let shared = self
+            .can_share(demand)
+            .then(|| best(SHADING_MIRRORS_AND_KEPT_RAYS))
+            .flatten();
         // The pass stands in for one that shades hits.
-        let fits = fit.missing.is_empty() && fit.features.contains(Features::TINTS) == plan.has_tints();
-        (wanted.pass == KEPT_RAYS || fits).then(|| variant(wanted.pass, fit.features))
+        let fits = |fit: &Fit| {
+            plan.missing().contains(fit.missing) && fit.features.contains(Features::TINTS) == plan.has_tints()
+        };
+        if let Some(fit) = shared.filter(fits) {
+            return Some(variant(SHADING_MIRRORS_AND_KEPT_RAYS, fit.features));
+        }
+        Some(variant(KEPT_RAYS, best(KEPT_RAYS)?.features))
     }
 
-    /// The variant that traces kept rays again in a scene with these features.
-    fn kept_ray_variant(&self, demand: Demand, features: Features) -> Variant {
-        let wanted = features | demand.asked;
-        let shares = self.can_share && demand.may_share && lost_by_joining(wanted).is_empty();
+    /// Returns whether kept rays can share the dispatch that shades hits.
+    fn can_share(&self, demand: Demand) -> bool {
+        self.can_share && demand.may_share && lost_by_joining(self.features | demand.asked).is_empty()
+    }
+
+    /// The variants that trace kept rays again. If the shared pass fails, they get their own.
+    fn kept_ray_variants(&self, demand: Demand, (pipelines, cache): Compiled) -> [Variant; 2] {
+        let library = self.features - Features::SURFACE_SHADER;
+        let all = [library, self.features];
+        let variants = |pass| all.map(|features| variant(pass, features_of(pass, features | demand.asked)));
+        let shared = variants(SHADING_MIRRORS_AND_KEPT_RAYS);
+        let shares = self.can_share(demand) && !pipelines.has_failed(cache, &shared[0]);
         let pass = if shares {
             SHADING_MIRRORS_AND_KEPT_RAYS
         } else {
             KEPT_RAYS
         };
-        variant(pass, features_of(pass, wanted))
+        variants(pass)
     }
 
     /// Counts the frames in which the scene changes. Returns whether there were some.
@@ -290,11 +309,9 @@ pub(crate) fn request_trace_passes(
         }
     }
     if state.count_changes(scene.version.all) {
-        let library = state.features - Features::SURFACE_SHADER;
         for view in views.iter().filter(|view| view.settings.follows_light()) {
-            let demand = Demand::of(&view.settings);
-            let all = [library, state.features];
-            pipelines.want(&cache, all.map(|features| state.kept_ray_variant(demand, features)));
+            let kept = state.kept_ray_variants(Demand::of(&view.settings), (&pipelines, &cache));
+            pipelines.want(&cache, kept);
         }
     }
     state.warm_up(&demands, &mut pipelines, &cache);

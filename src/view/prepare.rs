@@ -250,12 +250,9 @@ pub(super) fn prepare_views(
                     textures
                 };
                 let Some(mut textures) = try_allocate(&device, create) else {
-                    // Textures of other sizes or settings are useless. Without them there might be enough memory.
-                    if old.is_some() {
-                        commands.entity(entity).remove::<ReflectionTextures>();
-                    } else {
-                        refused.note(entity);
-                    }
+                    // Textures of other sizes or settings are useless.
+                    commands.entity(entity).remove::<ReflectionTextures>();
+                    refused.note(entity);
                     continue;
                 };
                 borrow_history(&mut textures, view, &frame, &left);

@@ -6,6 +6,7 @@ use super::{
     uniform::{Frame, FrameState, GpuReflectionView, PreviousFrame},
 };
 use crate::{
+    scene::RESTLESS_FRAMES,
     settings::{ReflectionTechnique, ReflectionView},
     targets::{HistoryHalf, Needs, Sizes, Targets},
 };
@@ -214,8 +215,8 @@ impl ReflectionTextures {
         } else {
             ViewFingerprint::new(view, frame, self.met)
         };
-        if scene_changed && !self.is_of_last_frame(frame) {
-            // The marks of what changed in a pause have expired, so no ray can meet the change.
+        if scene_changed && frame.number.wrapping_sub(self.drawn) > RESTLESS_FRAMES {
+            // The marks of what changed in the pause have expired, so no ray can meet the change.
             self.static_view = StaticView::default();
         }
         let static_frames = self.static_view.count(fingerprint);

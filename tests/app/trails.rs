@@ -373,6 +373,7 @@ fn light_of_a_lamp_that_swings_leaves_no_trail() {
 
 /// Kept rays share a dispatch with the shading of hits, if the device has enough storage buffers.
 #[test]
+#[ignore = "long: an app for each way"]
 fn kept_rays_find_the_same_on_the_way_as_alone() {
     const TOO_FEW: u32 = 11;
     let image = |buffers: Option<u32>, follow: bool| {

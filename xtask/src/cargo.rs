@@ -93,7 +93,17 @@ pub fn without_internals(subcommand: &str) -> Command {
 
 /// Builds a binary of a tool and returns the command that runs it in the current folder.
 pub fn program(name: &str) -> Result<Command> {
-    let mut command = command(build_one(workspace("build").args(["--bin", name]), name)?.executable);
+    program_of(workspace("build").args(["--bin", name]), name)
+}
+
+/// The same for the demo as tests start it, so that those that run later find it unchanged.
+pub fn demo_of_tests() -> Result<Command> {
+    const NAME: &str = "glint_viewer";
+    program_of(workspace("build").args(["--bin", NAME, FILMS]), NAME)
+}
+
+fn program_of(build: &mut Command, name: &str) -> Result<Command> {
+    let mut command = command(build_one(build, name)?.executable);
     // Otherwise Bevy looks for assets beside the program.
     command.env("BEVY_ASSET_ROOT", workspace_root());
     Ok(command)

@@ -118,7 +118,7 @@ fn compare(browser: &Path, page: &Path) -> Result<()> {
     let pictures = page.with_extension("check");
     std::fs::create_dir_all(&pictures)?;
     let expected = pictures.join("native.png");
-    let mut viewer = progress::step("build glint_viewer", || cargo::program("glint_viewer"))?;
+    let mut viewer = progress::step("build glint_viewer", cargo::demo_of_tests)?;
     progress::step("render the native picture", || {
         viewer.env(EXACT_TEXTURES.0, EXACT_TEXTURES.1);
         cargo::run(viewer.args(EXPECTED.split(' ')).arg(&expected), "glint_viewer")

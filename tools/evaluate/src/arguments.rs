@@ -278,7 +278,12 @@ impl Arguments {
         if self.techniques.is_empty() {
             return Ok(job::techniques(self.quick));
         }
-        let asked: Vec<&str> = self.techniques.iter().map(|name| name.trim()).collect();
+        let mut asked: Vec<&str> = Vec::new();
+        for name in self.techniques.iter().map(|name| name.trim()) {
+            if !asked.contains(&name) {
+                asked.push(name);
+            }
+        }
         if let Some(unknown) = asked.iter().find(|name| !techniques::is_known(name)) {
             return Err(format!(
                 "there is no technique `{unknown}`; there are: {}",

@@ -14,9 +14,11 @@ use bevy_glint::{
 use bevy_solari::prelude::SolariLighting;
 use glint_scenes::HeadlessApp;
 
-/// Returns whether a technique can be measured by this name.
+/// Returns whether a technique can be measured by this name. The ground truth can't: all others are compared with it.
 pub fn is_known(name: &str) -> bool {
-    TECHNIQUES.contains(&name) || named_settings(name).is_ok()
+    let is_ours =
+        || named_settings(name).is_ok_and(|(settings, _)| settings.technique != ReflectionTechnique::Converged);
+    TECHNIQUES.contains(&name) || is_ours()
 }
 
 /// Roughness cut-off of the ground truth, which traces everything.

@@ -35,15 +35,17 @@ pub fn table(out: &Path, names: [&str; 2], runs: u32) -> Result<String, String> 
     );
     for scene in scenes {
         let mut tiles = Vec::new();
-        for view in (0..)
-            .map(|view| scene.join(format!("view-{view}")))
-            .take_while(|view| view.exists())
-        {
+        let views = (0..).map(|view| scene.join(format!("view-{view}")));
+        // Images of further tracers are elsewhere than their truth.
+        for view in views.take_while(|view| view.join("converged.png").exists()) {
             tiles.extend(tiles_of(&view, names, runs)?);
+        }
+        if tiles.is_empty() {
+            continue;
         }
         let errors = mixed_errors(tiles);
         let at = |share: f64| errors[((errors.len() - 1) as f64 * share) as usize];
-        let share = errors.iter().filter(|&&error| error <= ALLOWED).count() - 1;
+        let share = errors.iter().rposition(|&error| error <= ALLOWED).unwrap_or(0);
         _ = writeln!(
             text,
             "| {} | {} | {:.3} | {:.3} | {:.0} % |",
