@@ -13,8 +13,8 @@ console.log(`Tint of webgpu ${version}`);
 const gpu = create(['backend=null']);
 const adapter = await gpu.requestAdapter();
 const device = await adapter.requestDevice({ requiredFeatures: [...adapter.features] });
-// Tracing passes need more, which `src/device/support.rs` checks on the user's device.
-const EXCUSED = /number of storage buffers \((9|10)\)/;
+// Tracing passes need more, which `src/device/support.rs` and `src/trace/state.rs` check on the user's device.
+const EXCUSED = /number of storage buffers \((9|10|11)\)/;
 
 async function validate(action) {
   device.pushErrorScope('validation');
