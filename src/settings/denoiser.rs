@@ -34,10 +34,10 @@ pub struct ReflectionDenoiser {
     pub converge_static_views: bool,
     /// Shortens the history where the light of a reflection changes, such as that of a lamp that swings: a few extra rays are kept for some
     /// frames and traced again, and show by how much. Without it, such light lags behind by some frames, and bright light leaves a trail.
-    /// It costs a ray for each 16x16 pixels. So few rays take as long as the slowest of them, of which about half is hidden behind rays of
-    /// exact mirrors ([`full_resolution_mirrors`](crate::RayTracedReflections::full_resolution_mirrors)): on an NVIDIA H200, all passes of
-    /// `medium` take 5 to 9 % longer, and those of `low` 15 %. It costs nothing from the fourth frame after a change on. Changes of the
-    /// environment or of fog alone aren't followed. It has no effect with [`ScreenTraces`](crate::ScreenTraces), without
+    /// It costs a ray for each 16x16 pixels. These rays take as long as the slowest of them. Rays of exact mirrors
+    /// ([`full_resolution_mirrors`](crate::RayTracedReflections::full_resolution_mirrors)) hide about half of that time: on an NVIDIA H200,
+    /// all passes of `medium` take 5 to 9 % longer, and those of `low` 15 %. It costs nothing from the fourth frame after a change on.
+    /// Changes of the environment or of fog alone aren't followed. It has no effect with [`ScreenTraces`](crate::ScreenTraces), without
     /// [`temporal`](Self::temporal), and on [`Converged`](crate::ReflectionTechnique::Converged). Default: false. The paper has no such
     /// step.
     pub follow_light_changes: bool,

@@ -94,7 +94,7 @@ words!(ReflectionPreset {
 pub const TECHNIQUE_NAMES: &str = "reference, quarter, quarter-inline, vrs-roughness, vrs-grazing, vrs-combined, vrs-adaptive, vrs-adaptive-half, converged, \
      paper, low, medium, high, ultra";
 
-/// Ends of names, and what they switch on.
+/// Suffixes of names, and the settings that they switch on.
 const SUFFIXES: [(&str, fn(&mut ReflectionDenoiser)); 2] = [
     ("-half", |denoiser| denoiser.half_resolution = true),
     ("-follow", |denoiser| denoiser.follow_light_changes = true),

@@ -54,7 +54,7 @@ pub(crate) const SHADING_AND_MIRRORS: &Pass = &Pass {
     ..*SHADING
 };
 
-/// The pass that also traces kept rays again. With that, few rays that take long share a dispatch with many that don't.
+/// The pass that also traces kept rays again. A few slow rays share its dispatch with the shading of many hits.
 pub(crate) const SHADING_MIRRORS_AND_KEPT_RAYS: &Pass = &Pass {
     label: "glint_shade_hits_mirrors_and_kept_rays",
     bindings: || {

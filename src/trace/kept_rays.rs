@@ -1,4 +1,4 @@
-//! Rays of earlier frames that are traced again, for the light that changes, if no other pass traces them on the way.
+//! The pass that traces rays of earlier frames again, to follow changes of the light, if the pass that shades hits can't trace them.
 
 use super::blocks::{RAYS, kept_ray_bindings};
 use crate::{

@@ -150,7 +150,7 @@ impl TraceState {
             .can_share(demand)
             .then(|| best(SHADING_MIRRORS_AND_KEPT_RAYS))
             .flatten();
-        // The pass stands in for one that shades hits.
+        // It replaces a pass that shades hits, so it must shade everything that the others can.
         let fits = |fit: &Fit| {
             plan.missing().contains(fit.missing) && fit.features.contains(Features::TINTS) == plan.has_tints()
         };

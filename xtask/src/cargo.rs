@@ -73,7 +73,7 @@ pub fn workspace(subcommand: &str) -> Command {
     command
 }
 
-/// Option for a workspace whose demo can render films.
+/// Cargo option that builds the demo with films.
 pub const FILMS: &str = "--features=glint_viewer/film";
 
 /// `cargo test` with the whole workspace selected. The library and its tests are checked for overflows: the profile `bench` of the

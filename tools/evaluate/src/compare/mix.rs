@@ -1,6 +1,6 @@
 //! The least error of an image that takes each tile from one of two techniques.
 //!
-//! It bounds what a choice by tile can gain before anybody builds it. Tiles are chosen by the errors of later runs and judged by the first
+//! This bounds the gain of a choice by tile before it is built. Tiles are chosen by the errors of later runs and judged by the first
 //! one: with the same runs for both, the choice would follow their noise.
 
 use super::{
