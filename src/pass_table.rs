@@ -11,7 +11,10 @@ use crate::{
     pipelines::{Pass, Pipelines},
     rate::{ADAPTIVE_RATES, RATES},
     scene::SceneBindings,
-    trace::{CONVERGED, INLINE, KEPT_RAYS, MIRRORS, RAYS, SHADING, SHADING_AND_MIRRORS, SHADING_MIRRORS_AND_KEPT_RAYS},
+    trace::{
+        CONVERGED, INLINE, KEPT_RAYS, MIRRORS, RAYS, RAYS_AND_KEPT_RAYS, SHADING, SHADING_AND_KEPT_RAYS,
+        SHADING_AND_MIRRORS, SHADING_MIRRORS_AND_KEPT_RAYS,
+    },
 };
 #[cfg(feature = "internals")]
 use crate::{pipelines::Options, scene::Features};
@@ -24,12 +27,14 @@ use bevy::{
 };
 
 /// All passes over the G-buffer.
-pub(crate) const PASSES: [&Pass; 25] = [
+pub(crate) const PASSES: [&Pass; 27] = [
     RATES,
     ADAPTIVE_RATES,
     RAYS,
     SHADING,
     SHADING_AND_MIRRORS,
+    RAYS_AND_KEPT_RAYS,
+    SHADING_AND_KEPT_RAYS,
     SHADING_MIRRORS_AND_KEPT_RAYS,
     MIRRORS,
     CONVERGED,

@@ -140,7 +140,11 @@ impl AllPipelines<'_> {
         } = known;
         self.trace.request(settings);
         let variants = rate::variants(rate)
-            .chain(denoise::variants(settings, self.scene.knows_motions()))
+            .chain(denoise::variants(
+                settings,
+                self.scene.knows_motions(),
+                self.trace.has_changes(),
+            ))
             .chain(composite::variants(settings, *format, *self.in_place, &self.scene));
         self.pipelines.want(&self.cache, variants);
     }
@@ -233,7 +237,7 @@ mod tests {
             let settings = ClampedSettings::from(&reflections);
             let rate = RateSettings::new(&ShadingRateHeuristic::default(), settings.technique);
             let variants = rate::variants(&rate)
-                .chain(denoise::variants(&settings, true))
+                .chain(denoise::variants(&settings, true, true))
                 .chain(composite::needed(&settings, format, WritesInPlace::NEVER));
             let names: HashSet<_> = variants.map(|variant| format!("{variant:?}")).collect();
             let others = pipelines_of

@@ -46,7 +46,7 @@ pub const SCREEN_FORMAT: TextureFormat = TextureFormat::Rgba16Float;
 /// Pixels of a cell of [`LightChangeTargets`] in each direction, as in `gbuffer.wesl`.
 const CELL: u32 = 16;
 /// Bytes of a ray in [`LightChangeTargets::rays`].
-const KEPT_RAY_BYTES: u64 = 48;
+const KEPT_RAY_BYTES: u64 = 80;
 
 /// Maximum number of trace pixels of a view in each direction: limited by the bits for a block's position in the ray list.
 pub const LARGEST_TRACE_SIZE: u32 = 1 << 13;

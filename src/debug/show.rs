@@ -52,7 +52,7 @@ pub(crate) const SHOW_REFLECTION: &Pass = &Pass {
     },
     groups: Groups::Environment,
     options: Options::REFLECTION,
-    ..Pass::new(Failure::DEBUG)
+    ..Pass::new(Failure::SILENT)
 };
 
 /// Shows a texture before the composite.

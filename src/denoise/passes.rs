@@ -57,8 +57,12 @@ fn has_motions(settings: &ClampedSettings) -> bool {
     settings.backend == ReflectionBackend::Compute && settings.technique != ReflectionTechnique::QuarterInline
 }
 
-/// The variants for a view. `knows_motions` is true if objects with known motion move.
-pub(crate) fn variants(settings: &ClampedSettings, knows_motions: bool) -> impl Iterator<Item = Variant> {
+/// The variants for a view. `knows_motions` is true if objects with known motion move, and `changes` if the scene changes.
+pub(crate) fn variants(
+    settings: &ClampedSettings,
+    knows_motions: bool,
+    changes: bool,
+) -> impl Iterator<Item = Variant> {
     let views = [false, true].into_iter();
     views.flat_map(move |rest| {
         let passes = passes_of(settings).iter();
@@ -66,8 +70,9 @@ pub(crate) fn variants(settings: &ClampedSettings, knows_motions: bool) -> impl 
             let variant = variant(pass, settings, rest);
             let following = knows_motions.then(|| following(variant.clone()));
             let all = [Some(variant), following].into_iter().flatten();
-            all.flat_map(|variant| {
-                let light = settings.follows_light().then(|| following_light(variant.clone()));
+            all.flat_map(move |variant| {
+                let follows = changes && settings.follows_light();
+                let light = follows.then(|| following_light(variant.clone()));
                 [Some(variant), light].into_iter().flatten()
             })
         })

@@ -103,7 +103,7 @@ impl Failure {
         own: "",
     };
     /// Only Bevy's own message is logged.
-    pub const DEBUG: Self = Self { library: "", own: "" };
+    pub const SILENT: Self = Self { library: "", own: "" };
 }
 
 bitflags! {
@@ -239,7 +239,7 @@ mod tests {
         label: "shown",
         groups: Groups::Environment,
         options: Options::FRONT_LAYER,
-        ..Pass::new(Failure::DEBUG)
+        ..Pass::new(Failure::SILENT)
     };
 
     #[test]
@@ -247,7 +247,7 @@ mod tests {
         let groups = |pass: &'static Pass, features| pass.variant(features, Options::empty()).groups();
         assert!(groups(SHOWN, Features::FORWARD_SURFACES) == Groups::Environment);
         assert!(groups(SHOWN, Features::LIGHT_PROBES) == Groups::Scene);
-        const OTHER: &Pass = &Pass::new(Failure::DEBUG);
+        const OTHER: &Pass = &Pass::new(Failure::SILENT);
         assert!(groups(OTHER, Features::LIGHT_PROBES) == Groups::None);
     }
 

@@ -94,23 +94,23 @@ words!(ReflectionPreset {
 pub const TECHNIQUE_NAMES: &str = "reference, quarter, quarter-inline, vrs-roughness, vrs-grazing, vrs-combined, vrs-adaptive, vrs-adaptive-half, converged, \
      paper, low, medium, high, ultra";
 
-/// Suffixes of names, and the settings that they switch on.
+/// Suffixes of names, and what they change.
 const SUFFIXES: [(&str, fn(&mut ReflectionDenoiser)); 2] = [
     ("-half", |denoiser| denoiser.half_resolution = true),
-    ("-follow", |denoiser| denoiser.follow_light_changes = true),
+    ("-no-follow", |denoiser| denoiser.follow_light_changes = false),
 ];
 
 /// Returns the components for a name on a command line: a technique for measurements, or a preset.
 ///
 /// `reference`, `quarter` and `quarter-inline` trace a fixed rate. `vrs-roughness` and `vrs-grazing` are the paper's heuristics with its
 /// thresholds, `vrs-combined` and `vrs-adaptive` are ours. All of these share one denoiser, so that they only differ in their rays. Every
-/// name can end in `-half`, which adds [`half_resolution`](ReflectionDenoiser::half_resolution), and in `-follow`, which adds
-/// [`follow_light_changes`](ReflectionDenoiser::follow_light_changes): `vrs-adaptive-half`, `vrs-adaptive-follow`.
+/// name can end in `-half`, which adds [`half_resolution`](ReflectionDenoiser::half_resolution), and in `-no-follow`, which switches
+/// [`follow_light_changes`](ReflectionDenoiser::follow_light_changes) off: `vrs-adaptive-half`, `vrs-adaptive-no-follow`.
 pub fn named_settings(name: &str) -> Result<(RayTracedReflections, ShadingRateHeuristic), UnknownName> {
-    for (suffix, switch_on) in SUFFIXES {
+    for (suffix, change) in SUFFIXES {
         if let Some(name) = name.strip_suffix(suffix) {
             let (mut reflections, heuristic) = named_settings(name)?;
-            switch_on(&mut reflections.denoiser);
+            change(&mut reflections.denoiser);
             return Ok((reflections, heuristic));
         }
     }
@@ -154,8 +154,8 @@ mod tests {
         for name in TECHNIQUE_NAMES.split(", ") {
             assert!(named_settings(name).is_ok(), "{name}");
         }
-        let (both, _) = named_settings("vrs-adaptive-half-follow").unwrap();
-        assert!(both.denoiser.half_resolution && both.denoiser.follow_light_changes);
+        let (both, _) = named_settings("vrs-adaptive-half-no-follow").unwrap();
+        assert!(both.denoiser.half_resolution && !both.denoiser.follow_light_changes);
         assert!(named_settings("off").is_err());
     }
 }

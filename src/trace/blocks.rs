@@ -1,5 +1,5 @@
 //! Rays of the lists: one for each block, traced in one pass and shaded in the next; and one for each pixel of an exact mirror, traced
-//! in that shading pass or in a separate pass, as are kept rays.
+//! in that shading pass or in a separate pass. Both passes over blocks have a twin that also processes kept rays.
 
 use crate::{
     common::word_offset,
@@ -54,18 +54,58 @@ pub(crate) const SHADING_AND_MIRRORS: &Pass = &Pass {
     ..*SHADING
 };
 
-/// The pass that also traces kept rays again. A few slow rays share its dispatch with the shading of many hits.
+/// [`RAYS`] that also traces kept rays again.
+pub(crate) const RAYS_AND_KEPT_RAYS: &Pass = &Pass {
+    label: "glint_trace_rays_and_kept_rays",
+    bindings: || {
+        [(RAYS.bindings)(), kept_ray_bindings().into()]
+            .into_iter()
+            .flatten()
+            .collect()
+    },
+    options: Options::KEPT_RAYS,
+    failure: Failure::SILENT,
+    ..*RAYS
+};
+
+/// [`SHADING`] for these rays.
+pub(crate) const SHADING_AND_KEPT_RAYS: &Pass = &Pass {
+    label: "glint_shade_hits_and_kept_rays",
+    bindings: || {
+        [(SHADING.bindings)(), kept_ray_bindings().into()]
+            .into_iter()
+            .flatten()
+            .collect()
+    },
+    options: Options::KEPT_RAYS,
+    failure: Failure::SILENT,
+    ..*SHADING
+};
+
+/// [`SHADING_AND_MIRRORS`] for these rays.
 pub(crate) const SHADING_MIRRORS_AND_KEPT_RAYS: &Pass = &Pass {
     label: "glint_shade_hits_mirrors_and_kept_rays",
     bindings: || {
-        let mut bindings = (SHADING_AND_MIRRORS.bindings)();
-        bindings.extend(kept_ray_bindings());
-        bindings
+        [(SHADING_AND_MIRRORS.bindings)(), kept_ray_bindings().into()]
+            .into_iter()
+            .flatten()
+            .collect()
     },
     options: Options::MIRRORS.union(Options::KEPT_RAYS),
-    failure: Failure::KEPT_RAYS,
+    failure: Failure::SILENT,
     ..*SHADING_AND_MIRRORS
 };
+
+/// The twin of a pass, or the pass itself if it has none.
+pub(super) fn with_kept_rays(pass: &'static Pass) -> &'static Pass {
+    let twins = [
+        (RAYS, RAYS_AND_KEPT_RAYS),
+        (SHADING, SHADING_AND_KEPT_RAYS),
+        (SHADING_AND_MIRRORS, SHADING_MIRRORS_AND_KEPT_RAYS),
+    ];
+    let twin = twins.iter().find(|(alone, _)| *alone == pass);
+    twin.map_or(pass, |(_, twin)| twin)
+}
 
 /// The pass over the mirror ray list.
 pub(crate) const MIRRORS: &Pass = &Pass {
@@ -114,7 +154,7 @@ fn mirror_bindings() -> [Binding; 3] {
 /// Kept rays, and the changes that they find.
 pub(super) fn kept_ray_bindings() -> [Binding; 2] {
     [
-        Binding::written_words(12, |context| Some(&context.images()?.light_changes.as_ref()?.rays)),
+        Binding::written_words(20, |context| Some(&context.images()?.light_changes.as_ref()?.rays)),
         Binding::written(RADIANCE_FORMAT, |context| {
             Some(&context.images()?.light_changes.as_ref()?.changes)
         }),

@@ -1,4 +1,4 @@
-//! The pass that traces rays of earlier frames again, to follow changes of the light, if the pass that shades hits can't trace them.
+//! The pass that traces rays of earlier frames again, to follow changes of the light, if the passes over the ray list can't.
 
 use super::blocks::{RAYS, kept_ray_bindings};
 use crate::{

@@ -43,7 +43,10 @@ pub use resources::{PassResources, PassView};
 pub use state::TraceState;
 pub use vrs::VrsPass;
 
-pub(crate) use blocks::{MIRRORS, RAYS, SHADING, SHADING_AND_MIRRORS, SHADING_MIRRORS_AND_KEPT_RAYS};
+pub(crate) use blocks::{
+    MIRRORS, RAYS, RAYS_AND_KEPT_RAYS, SHADING, SHADING_AND_KEPT_RAYS, SHADING_AND_MIRRORS,
+    SHADING_MIRRORS_AND_KEPT_RAYS,
+};
 pub(crate) use converged::CONVERGED;
 pub(crate) use fallback::{Fallbacks, choose};
 pub(crate) use inline::INLINE;

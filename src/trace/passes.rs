@@ -1,10 +1,10 @@
 //! Traces the rays of one view, in the passes that its settings need.
 
 use super::{
-    blocks::{MIRRORS, RAYS, SHADING, SHADING_AND_MIRRORS, run_list},
+    blocks::{MIRRORS, RAYS, SHADING_AND_MIRRORS, run_list, with_kept_rays},
     converged::{CONVERGED, trace_converged},
     inline::{INLINE, trace_inline},
-    kept_rays::{KEPT_RAYS, trace_cells},
+    kept_rays::trace_cells,
     state::TraceState,
     variant::{Demand, RayPass},
     vrs::VrsPass,
@@ -49,32 +49,27 @@ pub(crate) fn trace_rays(
         && vrs.trace(ctx, pipelines, context);
     let mut traced = Traced::default();
     let follows = context.textures.follows_light();
-    let kept = follows.then(|| state.kept_rays(demand, &plan, (pipelines, context.cache)));
-    let mut shared = None;
-    if let Some(variant) = kept.flatten() {
-        traced.follows_light = true;
-        if variant.pass == KEPT_RAYS {
-            traced.follows_light = trace_cells(ctx, pipelines, variant, context);
-        } else {
-            shared = Some(variant);
-        }
-    }
-    let mut has_mirrors = false;
-    for (pass, features) in plan.steps() {
-        let variant = pass.variant(features, Options::empty());
+    let compiled = (pipelines, context.cache);
+    let shared = follows
+        .then(|| state.plan_with_kept_rays(demand, &plan, compiled))
+        .flatten();
+    traced.follows_light = if shared.is_some() {
+        true
+    } else {
+        let alone = follows.then(|| state.kept_rays(demand, compiled)).flatten();
+        alone.is_some_and(|variant| trace_cells(ctx, pipelines, variant, context))
+    };
+    let twin = if shared.is_some() { with_kept_rays } else { |pass| pass };
+    for (pass, features) in shared.unwrap_or(plan).steps() {
+        let variant = twin(pass).variant(features, Options::empty());
         if pass == INLINE {
             trace_inline(ctx, pipelines, &variant, context);
         } else if pass == CONVERGED {
             trace_converged(ctx, pipelines, variant, context);
-        } else if let Some(variant) = shared.take_if(|_| pass == SHADING || pass == SHADING_AND_MIRRORS) {
-            has_mirrors = true;
-            run_list(ctx, pipelines, variant, context, ALL_RAYS_DISPATCH);
         } else if pass == SHADING_AND_MIRRORS {
             run_list(ctx, pipelines, variant, context, ALL_RAYS_DISPATCH);
         } else if pass == MIRRORS {
-            if !has_mirrors {
-                run_list(ctx, pipelines, variant, context, MIRROR_RAY_DISPATCH);
-            }
+            run_list(ctx, pipelines, variant, context, MIRROR_RAY_DISPATCH);
         } else if !by_hardware {
             run_list(ctx, pipelines, variant, context, RAY_DISPATCH);
         }

@@ -34,7 +34,7 @@ pub(super) fn passes(demand: Demand, wanted: Features, can_join: bool) -> impl I
 }
 
 /// Features that the combined pass for shading and mirror rays lacks: lights without bits, and rays that are followed through layers.
-pub(super) fn lost_by_joining(wanted: Features) -> Features {
+fn lost_by_joining(wanted: Features) -> Features {
     (wanted & Features::MANY_LIGHTS) | (features_of(MIRRORS, wanted) & Features::LAYERS)
 }
 
@@ -95,12 +95,6 @@ impl Plan {
     /// The passes in order.
     pub fn steps(self) -> impl Iterator<Item = (&'static Pass, Features)> {
         self.0.into_iter().flatten().map(|(pass, fit)| (pass, fit.features))
-    }
-
-    /// Returns whether the first pass records the tints of its hits.
-    pub fn has_tints(&self) -> bool {
-        let rays = self.0[0];
-        rays.is_some_and(|(_, fit)| fit.features.contains(Features::TINTS))
     }
 
     /// Features that some pass lacks while its shader is compiled.

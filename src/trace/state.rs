@@ -1,17 +1,17 @@
 //! The passes that views trace rays with, for the features of the scene; and the tables that they read.
 
 use super::{
-    blocks::SHADING_MIRRORS_AND_KEPT_RAYS,
+    blocks::with_kept_rays,
     directional_albedo::{ALBEDO_TABLE_SIZE, DirectionalAlbedo},
     inline::INLINE,
     kept_rays::KEPT_RAYS,
-    plan::{Plan, lost_by_joining, passes},
+    plan::{Plan, passes},
     surface_shader::SurfaceShader,
     variant::{Demand, PASSES, features_of},
 };
 use crate::{
     pipelines::{Options, Pass, Pipelines, Variant},
-    scene::{Change, Features, Fit, SceneBindings},
+    scene::{Change, Features, SceneBindings},
     settings::{ClampedSettings, ReflectionView, ReflectionWarmUp},
     vrs::PipelineRequest,
 };
@@ -51,7 +51,7 @@ pub struct TraceState {
     pub(super) noise: Option<TextureView>,
     /// Whether the device has enough storage buffers for the pass that shades hits and traces mirror rays.
     can_join: bool,
-    /// Whether it has enough of them for the pass that also traces kept rays.
+    /// Whether it has enough of them for kept rays in the passes over blocks.
     can_share: bool,
     /// Demands of settings that wait for their passes.
     wanted: HashSet<Demand>,
@@ -68,7 +68,7 @@ pub struct TraceState {
     changes: u32,
 }
 
-/// Number of changes of the scene before rays are kept: their shader isn't compiled for scenes that appear at once and stay. A higher number
+/// Number of changes of the scene before rays are kept: their shaders aren't compiled for scenes that appear at once and stay. A higher number
 /// lets the first changes lag behind.
 const SOME_CHANGES: u32 = 8;
 
@@ -91,7 +91,22 @@ impl TraceState {
 
     /// The passes that trace the rays of a view in this frame; `None` until they are compiled.
     pub(super) fn plan(&self, demand: Demand, compiled: Compiled) -> Option<Plan> {
-        plan(self.features, demand, compiled)
+        plan(self.features, demand, compiled, |pass| pass)
+    }
+
+    /// The same passes with kept rays; `None` until they are compiled with the features that `plan` has.
+    pub(super) fn plan_with_kept_rays(&self, demand: Demand, plan: &Plan, compiled: Compiled) -> Option<Plan> {
+        let kept = self
+            .can_share(demand)
+            .then(|| self::plan(self.features, demand, compiled, with_kept_rays));
+        kept.flatten().filter(|kept| plan.missing().contains(kept.missing()))
+    }
+
+    /// The variant that traces kept rays in a pass of their own; `None` until one is compiled.
+    pub(super) fn kept_rays(&self, demand: Demand, (pipelines, cache): Compiled) -> Option<Variant> {
+        let wanted = variant(KEPT_RAYS, features_of(KEPT_RAYS, self.features | demand.asked));
+        let fit = pipelines.best(cache, &wanted, Features::HARMLESS)?;
+        Some(variant(KEPT_RAYS, fit.features))
     }
 
     /// Features of the scene that the passes of views lack.
@@ -99,7 +114,7 @@ impl TraceState {
         let mut found = Missing::default();
         for demand in demands {
             let wanted = features | demand.asked;
-            let missing = plan(features, *demand, (pipelines, cache));
+            let missing = plan(features, *demand, (pipelines, cache), |pass| pass);
             let missing = missing.map_or(Features::all(), Plan::missing);
             found.all |= missing;
             // Waiting for a shader that doesn't compile would never end.
@@ -140,51 +155,38 @@ impl TraceState {
         self.missing.expected.is_empty() && self.is_warm
     }
 
-    /// The variant that traces kept rays again, on the way or alone; `None` until one is compiled.
-    pub(super) fn kept_rays(&self, demand: Demand, plan: &Plan, (pipelines, cache): Compiled) -> Option<Variant> {
-        let best = |pass| {
-            let wanted = variant(pass, features_of(pass, self.features | demand.asked));
-            pipelines.best(cache, &wanted, Features::HARMLESS)
-        };
-        let shared = self
-            .can_share(demand)
-            .then(|| best(SHADING_MIRRORS_AND_KEPT_RAYS))
-            .flatten();
-        // It replaces a pass that shades hits, so it must shade everything that the others can.
-        let fits = |fit: &Fit| {
-            plan.missing().contains(fit.missing) && fit.features.contains(Features::TINTS) == plan.has_tints()
-        };
-        if let Some(fit) = shared.filter(fits) {
-            return Some(variant(SHADING_MIRRORS_AND_KEPT_RAYS, fit.features));
-        }
-        Some(variant(KEPT_RAYS, best(KEPT_RAYS)?.features))
-    }
-
-    /// Returns whether kept rays can share the dispatch that shades hits.
+    /// Returns whether kept rays can be traced and shaded among those of blocks.
     fn can_share(&self, demand: Demand) -> bool {
-        self.can_share && demand.may_share && lost_by_joining(self.features | demand.asked).is_empty()
+        self.can_share && demand.may_share
     }
 
-    /// The variants that trace kept rays again. If the shared pass fails, they get their own.
-    fn kept_ray_variants(&self, demand: Demand, (pipelines, cache): Compiled) -> [Variant; 2] {
+    /// The variants that trace kept rays again. If one of the shared passes fails, they get their own.
+    fn kept_ray_variants(&self, demand: Demand, (pipelines, cache): Compiled) -> Vec<Variant> {
         let library = self.features - Features::SURFACE_SHADER;
-        let all = [library, self.features];
-        let variants = |pass| all.map(|features| variant(pass, features_of(pass, features | demand.asked)));
-        let shared = variants(SHADING_MIRRORS_AND_KEPT_RAYS);
-        let shares = self.can_share(demand) && !pipelines.has_failed(cache, &shared[0]);
-        let pass = if shares {
-            SHADING_MIRRORS_AND_KEPT_RAYS
-        } else {
-            KEPT_RAYS
-        };
-        variants(pass)
+        let all = [library, self.features].map(|features| features | demand.asked);
+        let shared = all.into_iter().flat_map(|wanted| {
+            let passes = passes(demand, wanted, self.can_join).map(with_kept_rays);
+            passes.map(move |pass| variant(pass, features_of(pass, wanted)))
+        });
+        let shared: Vec<_> = shared.filter(|_| self.can_share(demand)).collect();
+        let has_failed = |variant: &Variant| !variant.has_own_code() && pipelines.has_failed(cache, variant);
+        if shared.is_empty() || shared.iter().any(has_failed) {
+            return all
+                .map(|wanted| variant(KEPT_RAYS, features_of(KEPT_RAYS, wanted)))
+                .into();
+        }
+        shared
     }
 
-    /// Counts the frames in which the scene changes. Returns whether there were some.
-    fn count_changes(&mut self, version: u32) -> bool {
+    /// Returns whether the scene changed in some frames.
+    pub(crate) fn has_changes(&self) -> bool {
+        self.changes == SOME_CHANGES
+    }
+
+    /// Counts the frames in which the scene changes.
+    fn count_changes(&mut self, version: u32) {
         let changed = core::mem::replace(&mut self.scene, version) != version;
         self.changes = (self.changes + u32::from(changed)).min(SOME_CHANGES);
-        self.changes == SOME_CHANGES
     }
 
     /// The pipeline of the raw Vulkan pass, which works for any scene.
@@ -200,9 +202,15 @@ impl TraceState {
     }
 }
 
-fn plan(features: Features, demand: Demand, (pipelines, cache): Compiled) -> Option<Plan> {
+/// The best passes that are compiled, or of their twins.
+fn plan(
+    features: Features,
+    demand: Demand,
+    (pipelines, cache): Compiled,
+    twin: fn(&'static Pass) -> &'static Pass,
+) -> Option<Plan> {
     Plan::new(demand, features | demand.asked, &|pass, wanted, spare| {
-        pipelines.best(cache, &variant(pass, wanted), spare)
+        pipelines.best(cache, &variant(twin(pass), wanted), spare)
     })
 }
 
@@ -308,7 +316,8 @@ pub(crate) fn request_trace_passes(
             pipelines.want(&cache, state.variants(*demand, features));
         }
     }
-    if state.count_changes(scene.version.all) {
+    state.count_changes(scene.version.all);
+    if state.has_changes() {
         for view in views.iter().filter(|view| view.settings.follows_light()) {
             let kept = state.kept_ray_variants(Demand::of(&view.settings), (&pipelines, &cache));
             pipelines.want(&cache, kept);

@@ -1,7 +1,7 @@
 //! The passes that trace rays, and the features of their shaders.
 
 use super::{
-    blocks::{MIRRORS, RAYS, SHADING, SHADING_AND_MIRRORS},
+    blocks::{MIRRORS, RAYS, SHADING, SHADING_AND_KEPT_RAYS, SHADING_AND_MIRRORS},
     converged::CONVERGED,
     inline::INLINE,
 };
@@ -28,7 +28,7 @@ pub(super) struct Demand {
     pub rays: RayPass,
     /// Exact mirrors have their own rays.
     pub mirrors: bool,
-    /// Other rays can be traced in the pass that shades the blocks' hits.
+    /// Kept rays can be traced and shaded with those of blocks.
     pub may_share: bool,
     /// Features that the settings request.
     pub asked: Features,
@@ -47,9 +47,7 @@ impl Demand {
         Self {
             rays,
             mirrors,
-            may_share: rays == RayPass::Blocks
-                && settings.backend != ReflectionBackend::HardwareVrs
-                && !settings.has_bounces(),
+            may_share: rays == RayPass::Blocks && settings.backend != ReflectionBackend::HardwareVrs,
             asked: Features::asked_by(settings),
         }
     }
@@ -58,7 +56,7 @@ impl Demand {
 impl Demand {
     /// Returns whether rays of mirrors can be traced in the pass that shades the blocks' hits.
     pub fn may_join(self) -> bool {
-        self.mirrors && self.may_share
+        self.mirrors && self.may_share && !self.asked.contains(Features::BOUNCES)
     }
 }
 
@@ -67,7 +65,9 @@ pub(super) const PASSES: [&Pass; 6] = [RAYS, SHADING, SHADING_AND_MIRRORS, MIRRO
 
 /// The features of the scene and a view that affect a pass.
 pub(super) fn features_of(pass: &Pass, wanted: Features) -> Features {
-    if pass == SHADING && wanted.intersects(Features::MANY_LIGHTS | Features::BOUNCES) {
+    if (pass == SHADING || pass == SHADING_AND_KEPT_RAYS)
+        && wanted.intersects(Features::MANY_LIGHTS | Features::BOUNCES)
+    {
         return (wanted | Features::MANY_LIGHTS).seen_by(Passes::TRACED_SHADING);
     }
     let mut features = wanted.seen_by(pass.sees);

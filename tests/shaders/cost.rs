@@ -53,6 +53,8 @@ trace/converged
 trace/converged BOUNCES
 trace/inline
 trace/kept_rays KEPT_RAYS
+trace/blocks KEPT_RAYS
+trace/shade KEPT_RAYS
 trace/shade MIRRORS KEPT_RAYS
 front_layer/find FRONT_LAYER";
 

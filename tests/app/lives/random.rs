@@ -128,7 +128,7 @@ static SETTINGS: [fn() -> RayTracedReflections; 5] = [
     || {
         let mut settings = RayTracedReflections::default();
         settings.denoiser.half_resolution = true;
-        settings.denoiser.follow_light_changes = true;
+        settings.denoiser.follow_light_changes = false;
         settings
     },
     || RayTracedReflections {

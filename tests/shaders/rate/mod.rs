@@ -20,7 +20,7 @@ use bevy_glint::{
 };
 use frame::{Frame, Random, Surface};
 use pass::{Output, UNTOUCHED, determine_rates};
-use reference::{Case, FULL_RESOLUTION_MIRRORS, orthographic, perspective};
+use reference::{Case, FOLLOWS_LIGHT, FULL_RESOLUTION_MIRRORS, orthographic, perspective};
 use std::collections::{BTreeMap, BTreeSet};
 
 const BUILT_IN: &str = "bevy_glint/rate/classify.wesl";
@@ -139,8 +139,14 @@ fn check(case: &Case, output: &Output) -> BTreeMap<String, usize> {
 
 fn check_arguments(case: &Case, arguments: &[u32]) {
     let side = case.tile_size * case.trace_scale / 8;
+    let cells = case.size.map(|pixels| pixels.div_ceil(16)).element_product();
+    let kept = if case.flags & FOLLOWS_LIGHT != 0 {
+        cells.div_ceil(64)
+    } else {
+        0
+    };
     let workgroups = [
-        arguments[12].div_ceil(64),
+        arguments[12].div_ceil(64) + kept,
         arguments[13].div_ceil(64),
         arguments[14] * side * side,
         arguments[14] * (side / 2) * (side / 2),
@@ -152,8 +158,16 @@ fn check_arguments(case: &Case, arguments: &[u32]) {
     }
     // Both lists of rays, in rows of eight.
     let own_mirrors = case.flags & FULL_RESOLUTION_MIRRORS != 0;
-    let rays = if own_mirrors { workgroups[0] + workgroups[1] } else { 0 };
-    let rows = if rays == 0 { [0; 3] } else { [8, rays.div_ceil(8), 1] };
+    let rays = if own_mirrors {
+        workgroups[0] - kept + workgroups[1]
+    } else {
+        0
+    };
+    let rows = if rays + kept == 0 {
+        [0; 3]
+    } else {
+        [8, (rays + kept).div_ceil(8), 1]
+    };
     assert_eq!(arguments[15..], [rows[0], rows[1], rows[2], rays], "all rays");
 }
 
@@ -161,13 +175,19 @@ fn check_arguments(case: &Case, arguments: &[u32]) {
 fn cases(heuristic: &ShadingRateHeuristic) -> Vec<Case> {
     let mut cases = Vec::new();
     for (seed, (size, origin, trace_scale, tile_size, flags)) in [
-        (uvec2(203, 117), uvec2(5, 3), 2, 16, FULL_RESOLUTION_MIRRORS),
-        (uvec2(131, 75), uvec2(0, 0), 2, 16, 0),
+        (
+            uvec2(203, 117),
+            uvec2(5, 3),
+            2,
+            16,
+            FULL_RESOLUTION_MIRRORS | FOLLOWS_LIGHT,
+        ),
+        (uvec2(131, 75), uvec2(0, 0), 2, 16, FOLLOWS_LIGHT),
         (uvec2(97, 66), uvec2(1, 9), 1, 16, 0),
         (uvec2(97, 66), uvec2(2, 0), 2, 8, FULL_RESOLUTION_MIRRORS),
         (uvec2(50, 41), uvec2(2, 7), 1, 8, 0),
         (uvec2(8, 200), uvec2(0, 0), 2, 8, FULL_RESOLUTION_MIRRORS),
-        (uvec2(1, 1), uvec2(0, 0), 2, 16, FULL_RESOLUTION_MIRRORS),
+        (uvec2(1, 1), uvec2(0, 0), 2, 16, FULL_RESOLUTION_MIRRORS | FOLLOWS_LIGHT),
     ]
     .into_iter()
     .enumerate()

@@ -8,6 +8,7 @@ use bevy_glint::{CombinedThresholds, ShadingRate, ShadingRateHeuristic};
 use std::collections::{BTreeMap, BTreeSet};
 
 pub const FULL_RESOLUTION_MIRRORS: u32 = 4;
+pub const FOLLOWS_LIGHT: u32 = 8192;
 
 /// A uniform that the shader doesn't use.
 const UNUSED: [u8; 256] = [0; 256];

@@ -44,7 +44,7 @@ pub struct Arguments {
     pub path: f32,
     /// off, screen-space, reference, quarter, quarter-inline, vrs-roughness, vrs-grazing, vrs-combined, vrs-adaptive, converged,
     /// paper, low, medium, high or ultra (default: medium in a window, ultra for an image). A name that ends in `-half`, such as
-    /// medium-half, denoises at half the resolution, and one that ends in `-follow` follows changes of the light
+    /// medium-half, denoises at half the resolution, and one that ends in `-no-follow` doesn't follow changes of the light
     #[arg(long, value_name = "NAME")]
     technique: Option<Method>,
     /// auto, compute or hardware
