@@ -57,12 +57,7 @@ pub(crate) const SHADING_AND_MIRRORS: &Pass = &Pass {
 /// [`RAYS`] that also traces kept rays again.
 pub(crate) const RAYS_AND_KEPT_RAYS: &Pass = &Pass {
     label: "glint_trace_rays_and_kept_rays",
-    bindings: || {
-        [(RAYS.bindings)(), kept_ray_bindings().into()]
-            .into_iter()
-            .flatten()
-            .collect()
-    },
+    bindings: || beside_kept_rays(RAYS),
     options: Options::KEPT_RAYS,
     failure: Failure::SILENT,
     ..*RAYS
@@ -71,12 +66,7 @@ pub(crate) const RAYS_AND_KEPT_RAYS: &Pass = &Pass {
 /// [`SHADING`] for these rays.
 pub(crate) const SHADING_AND_KEPT_RAYS: &Pass = &Pass {
     label: "glint_shade_hits_and_kept_rays",
-    bindings: || {
-        [(SHADING.bindings)(), kept_ray_bindings().into()]
-            .into_iter()
-            .flatten()
-            .collect()
-    },
+    bindings: || beside_kept_rays(SHADING),
     options: Options::KEPT_RAYS,
     failure: Failure::SILENT,
     ..*SHADING
@@ -85,12 +75,7 @@ pub(crate) const SHADING_AND_KEPT_RAYS: &Pass = &Pass {
 /// [`SHADING_AND_MIRRORS`] for these rays.
 pub(crate) const SHADING_MIRRORS_AND_KEPT_RAYS: &Pass = &Pass {
     label: "glint_shade_hits_mirrors_and_kept_rays",
-    bindings: || {
-        [(SHADING_AND_MIRRORS.bindings)(), kept_ray_bindings().into()]
-            .into_iter()
-            .flatten()
-            .collect()
-    },
+    bindings: || beside_kept_rays(SHADING_AND_MIRRORS),
     options: Options::MIRRORS.union(Options::KEPT_RAYS),
     failure: Failure::SILENT,
     ..*SHADING_AND_MIRRORS
@@ -159,6 +144,13 @@ pub(super) fn kept_ray_bindings() -> [Binding; 2] {
             Some(&context.images()?.light_changes.as_ref()?.changes)
         }),
     ]
+}
+
+/// The bindings of a pass, and those for kept rays.
+fn beside_kept_rays(pass: &Pass) -> Vec<Binding> {
+    let mut bindings = (pass.bindings)();
+    bindings.extend(kept_ray_bindings());
+    bindings
 }
 
 /// Traces or shades the rays of one list. `dispatch` is the first word of its indirect arguments.
