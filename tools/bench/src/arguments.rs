@@ -82,7 +82,7 @@ pub struct Arguments {
     /// Characters of `--crowds`, of 20 thousand triangles each
     #[arg(long, value_name = "N", default_value_t = 50, requires = "crowds")]
     pub characters: usize,
-    /// Measure only the growth of times with the resolution (of the first scene) and with triangles, and the cost of a small object:
+    /// Measure only the growth of times with the resolution (of the first scene) and with triangles, and the cost of small things:
     /// tables
     #[arg(long, group = "cases")]
     pub growth: bool,

@@ -1,9 +1,9 @@
-//! Growth of times: of each pass with the resolution, of rays with the triangles, and the cost of an object that covers few pixels.
+//! Growth of times: of each pass with the resolution, of rays with the triangles, and the cost of things that cover few pixels.
 
 use crate::{
     arguments::{Plan, TimedTechnique},
     measure::Bench,
-    subject::Subject,
+    subject::{SmallThing, Subject},
     table::{Csv, Table, mebibytes, number},
 };
 use bevy::math::UVec2;
@@ -20,9 +20,19 @@ const SIZES: [UVec2; 5] = [
 const TRIANGLES: [u32; 5] = [66_000, 250_000, 1_000_000, 4_000_000, 10_000_000];
 const PASSES: [&str; 5] = ["rate", "trace", "denoise", "composite", "total"];
 
+/// Passes of the front layer.
+const LAYER_PASSES: [&str; 6] = [
+    "layer_find",
+    "layer_rate",
+    "layer_trace",
+    "layer_denoise",
+    "layer_composite",
+    "layer_total",
+];
+
 type Case = fn(&Plan, ReflectionTracerChoice, &mut Csv) -> Result<Table, String>;
 
-/// Measures and prints the cases among `sizes`, `small object` and `triangles` with a word in their names.
+/// Measures and prints the cases among `sizes`, `small things` and `triangles` with a word in their names.
 ///
 /// # Errors
 ///
@@ -30,7 +40,7 @@ type Case = fn(&Plan, ReflectionTracerChoice, &mut Csv) -> Result<Table, String>
 pub fn measure(plan: &Plan, only: Option<&str>, csv: &mut Csv) -> Result<(), String> {
     let cases: [(&str, Case); 3] = [
         ("sizes", sizes),
-        ("small object", small_object),
+        ("small things", small_things),
         ("triangles", triangles),
     ];
     for &tracer in &plan.tracers {
@@ -57,7 +67,7 @@ fn columns(before: &str, after: &str) -> String {
 }
 
 /// A row of all passes behind some cells.
-fn row(bench: &Bench, cells: [String; 2]) -> Vec<String> {
+fn row<const N: usize>(bench: &Bench, cells: [String; N]) -> Vec<String> {
     let times = PASSES.iter().map(|pass| number(bench.pass(pass), 4));
     cells.into_iter().chain(times).collect()
 }
@@ -119,20 +129,30 @@ fn triangles(plan: &Plan, tracer: ReflectionTracerChoice, csv: &mut Csv) -> Resu
     Ok(table)
 }
 
-fn small_object(plan: &Plan, tracer: ReflectionTracerChoice, csv: &mut Csv) -> Result<Table, String> {
+fn small_things(plan: &Plan, tracer: ReflectionTracerChoice, csv: &mut Csv) -> Result<Table, String> {
     let mut table = Table::new(
-        "A small object before a wall that is cut off, and that isn't (median ms of the GPU)",
-        &columns("an object of 64x64 pixels | roughness cut-off", ""),
+        "Small things. With a cut-off of 0.6, nothing else reflects; the helmet is alone with both (median ms of the GPU)",
+        &columns(
+            "thing | technique | roughness cut-off",
+            " | layer: find | rate | trace | denoise | composite | total",
+        ),
     );
-    let mut bench = Bench::new(&Subject::SmallObject, tracer, plan)?;
-    for technique in &plan.techniques {
-        for cutoff in [0.6, 1.0] {
-            let mut technique = technique.clone();
-            technique.reflections.roughness_cutoff = cutoff;
-            time(&mut bench, &technique, plan.frames)?;
-            table.row(row(&bench, [technique.to_string(), number(Some(cutoff.into()), 1)]));
-            let variant = format!("cut-off {cutoff}");
-            add(csv, &bench, ["small object", &variant], &technique, "total");
+    for thing in SmallThing::ALL {
+        let mut bench = Bench::new(&Subject::Small(thing), tracer, plan)?;
+        for technique in &plan.techniques {
+            for cutoff in [0.6, 1.0] {
+                let mut technique = technique.clone();
+                technique.reflections.roughness_cutoff = cutoff;
+                time(&mut bench, &technique, plan.frames)?;
+                let words = [thing.to_string(), technique.to_string(), number(Some(cutoff.into()), 1)];
+                let mut cells = row(&bench, words);
+                cells.extend(LAYER_PASSES.map(|pass| number(bench.pass(pass), 4)));
+                table.row(cells);
+                let variant = format!("cut-off {cutoff}");
+                for pass in ["total", "layer_find", "layer_total"] {
+                    add(csv, &bench, [&thing.to_string(), &variant], &technique, pass);
+                }
+            }
         }
     }
     Ok(table)

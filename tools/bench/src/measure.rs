@@ -47,6 +47,12 @@ const PASSES: [(&str, &str); 15] = [
     ("layer_total", "render/glint_front_layer/elapsed_gpu"),
 ];
 const TOTAL: &str = "render/glint/elapsed_gpu";
+/// Spans of several passes, which are measured without timers between these.
+const SPANS: [&str; 3] = [
+    TOTAL,
+    "render/glint_find_front_layer/elapsed_gpu",
+    "render/glint_front_layer/elapsed_gpu",
+];
 const COUNTERS: [(&str, &str); 3] = [
     ("rays", "render/reflection_rays"),
     ("mirror_rays", "render/reflection_mirror_rays"),
@@ -76,8 +82,8 @@ pub struct Bench {
     app: HeadlessApp,
     camera: Entity,
     samples: Vec<Samples>,
-    /// Milliseconds of all passes, without timers between them.
-    totals: Vec<f64>,
+    /// Milliseconds of [`SPANS`], without timers between their passes.
+    spans: [Vec<f64>; SPANS.len()],
     /// The camera sees nothing reflective.
     is_idle: bool,
     /// Radians that the camera turns in the next frame.
@@ -142,7 +148,7 @@ impl Bench {
             app,
             camera,
             samples: samples.collect(),
-            totals: Vec::new(),
+            spans: Default::default(),
             is_idle: false,
             turn: TREMBLE,
         })
@@ -264,11 +270,13 @@ impl Bench {
     pub fn measure(&mut self, frames: u32) -> Result<(), String> {
         self.time_stages(false)?;
         self.measure_frames(frames)?;
-        self.totals = self.values(TOTAL).to_vec();
-        if self.is_idle && !self.totals.is_empty() {
+        self.spans = SPANS.map(|path| self.values(path).to_vec());
+        if self.is_idle {
             // Passes run in every other frame, so the mean is used.
-            let mean = self.totals.iter().sum::<f64>() / self.totals.len() as f64;
-            self.totals.fill(mean);
+            for span in self.spans.iter_mut().filter(|span| !span.is_empty()) {
+                let mean = span.iter().sum::<f64>() / span.len() as f64;
+                span.fill(mean);
+            }
         }
         self.time_stages(true)?;
         self.measure_frames(frames)
@@ -346,11 +354,9 @@ impl Bench {
     }
 
     fn value(&self, path: &str, share: f64) -> Option<f64> {
-        if path == TOTAL {
-            quantile(&self.totals, share)
-        } else {
-            quantile(self.values(path), share)
-        }
+        let span = SPANS.iter().position(|span| *span == path);
+        let values = span.map_or_else(|| self.values(path), |span| self.spans[span].as_slice());
+        quantile(values, share)
     }
 
     /// Median GPU time of a pass in milliseconds, by its word in tables.

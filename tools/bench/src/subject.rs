@@ -1,4 +1,4 @@
-//! Scenes to measure: built-in ones, a glTF file, and two that grow.
+//! Scenes to measure: built-in ones, a glTF file, one that grows, and small things.
 
 use bevy::prelude::*;
 use glint_scenes::{
@@ -28,8 +28,34 @@ pub enum Subject {
     },
     /// Spheres with this number of triangles in total over a glossy floor: the image doesn't depend on the number.
     Spheres(u32),
-    /// A chrome sphere of about 64x64 pixels in an image of 1080 lines, in front of a matt wall.
-    SmallObject,
+    /// Something that covers little of the image.
+    Small(SmallThing),
+}
+
+/// Things that cover little of the image; nothing else reflects with a cut-off of 0.6.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SmallThing {
+    /// A chrome sphere of about 64x64 pixels in an image of 1080 lines, before a matt wall.
+    Sphere,
+    /// A pane of glass that covers 2 % of an image of 16:9, before a matt wall.
+    Pane,
+    /// A metal helmet with two lenses of glass, which covers 13 % of the image.
+    Helmet,
+}
+
+impl SmallThing {
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::Sphere, Self::Pane, Self::Helmet];
+}
+
+impl fmt::Display for SmallThing {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Sphere => "a sphere of 64x64 pixels",
+            Self::Pane => "a pane of 2 %",
+            Self::Helmet => "a helmet with lenses",
+        })
+    }
 }
 
 impl fmt::Display for Subject {
@@ -38,7 +64,7 @@ impl fmt::Display for Subject {
             Self::BuiltIn(name) => f.write_str(name.as_str()),
             Self::File { path, .. } => f.write_str(&path.file_stem().unwrap_or_default().to_string_lossy()),
             Self::Spheres(triangles) => write!(f, "{triangles} triangles"),
-            Self::SmallObject => f.write_str("small object"),
+            Self::Small(thing) => thing.fmt(f),
         }
     }
 }
@@ -54,7 +80,9 @@ impl Subject {
             Self::BuiltIn(name) => Ok(app.spawn_scene(*name, &SceneOptions { detail, ..default() })),
             Self::File { path, camera } => spawn_file(app, path, *camera),
             Self::Spheres(triangles) => Ok(spawn_spheres(app, *triangles)),
-            Self::SmallObject => Ok(spawn_small_object(app)),
+            Self::Small(SmallThing::Helmet) => spawn_helmet(app, detail),
+            Self::Small(SmallThing::Sphere) => Ok(spawn_before_a_wall(app, chrome_sphere)),
+            Self::Small(SmallThing::Pane) => Ok(spawn_before_a_wall(app, pane)),
         }
     }
 }
@@ -69,15 +97,19 @@ fn spawn_file(app: &mut HeadlessApp, path: &Path, place: Option<CameraPlace>) ->
     Ok(camera)
 }
 
-fn spawn_mesh(app: &mut HeadlessApp, mesh: impl Into<Mesh>, roughness: f32, metallic: f32, at: Transform) {
+fn spawn_mesh(app: &mut HeadlessApp, mesh: impl Into<Mesh>, material: StandardMaterial, at: Transform) {
     let world = app.world();
     let mesh = world.resource_mut::<Assets<Mesh>>().add(mesh);
-    let material = world.resource_mut::<Assets<StandardMaterial>>().add(StandardMaterial {
-        perceptual_roughness: roughness,
+    let material = world.resource_mut::<Assets<StandardMaterial>>().add(material);
+    world.spawn((Mesh3d(mesh), MeshMaterial3d(material), at));
+}
+
+fn polished(perceptual_roughness: f32, metallic: f32) -> StandardMaterial {
+    StandardMaterial {
+        perceptual_roughness,
         metallic,
         ..default()
-    });
-    world.spawn((Mesh3d(mesh), MeshMaterial3d(material), at));
+    }
 }
 
 fn spawn_view(app: &mut HeadlessApp, eye: Vec3, target: Vec3) -> Entity {
@@ -90,7 +122,7 @@ fn spawn_view(app: &mut HeadlessApp, eye: Vec3, target: Vec3) -> Entity {
 
 fn spawn_spheres(app: &mut HeadlessApp, triangles: u32) -> Entity {
     let floor = Transform::from_xyz(0.0, -0.05, 0.0);
-    spawn_mesh(app, Cuboid::new(24.0, 0.1, 24.0), 0.3, 0.0, floor);
+    spawn_mesh(app, Cuboid::new(24.0, 0.1, 24.0), polished(0.3, 0.0), floor);
     // A sphere of n sectors and half as many stacks has about n^2 triangles.
     let sectors = (f64::from(triangles) / f64::from(SPHERES * SPHERES)).sqrt().round() as u32;
     for index in 0..SPHERES * SPHERES {
@@ -100,17 +132,60 @@ fn spawn_spheres(app: &mut HeadlessApp, triangles: u32) -> Entity {
         let radius = 0.9 + 0.002 * index as f32;
         let at = Transform::from_xyz(2.2 * (column - middle), 1.0, 2.2 * (row - middle));
         let mesh = Sphere::new(radius).mesh().uv(sectors.max(3), (sectors / 2).max(2));
-        spawn_mesh(app, mesh, 0.5, 0.0, at);
+        spawn_mesh(app, mesh, polished(0.5, 0.0), at);
     }
     spawn_view(app, Vec3::new(0.0, 4.0, 9.0), Vec3::new(0.0, 0.5, 0.0))
 }
 
-fn spawn_small_object(app: &mut HeadlessApp) -> Entity {
+/// Distance of small things in metres.
+const DISTANCE: f32 = 5.0;
+
+fn spawn_before_a_wall(app: &mut HeadlessApp, spawn: fn(&mut HeadlessApp)) -> Entity {
     // Rough surfaces reflect, too, unless there is a cut-off below them.
     let wall = Transform::from_xyz(0.0, 0.0, -2.0);
-    spawn_mesh(app, Rectangle::new(40.0, 40.0), 1.0, 0.0, wall);
-    // 64 of 1080 lines at a distance of 5 m, for a field of view of 45 degrees.
-    let radius = 5.0 * (0.5 * 45f32.to_radians()).tan() * 64.0 / 1080.0;
-    spawn_mesh(app, Sphere::new(radius), 0.2, 1.0, Transform::IDENTITY);
-    spawn_view(app, Vec3::new(0.0, 0.0, 5.0), Vec3::ZERO)
+    spawn_mesh(app, Rectangle::new(40.0, 40.0), polished(1.0, 0.0), wall);
+    spawn(app);
+    spawn_view(app, Vec3::new(0.0, 0.0, DISTANCE), Vec3::ZERO)
+}
+
+/// Metres for this number of 1080 lines, for a field of view of 45 degrees.
+fn metres(lines: f32) -> f32 {
+    2.0 * DISTANCE * (0.5 * 45f32.to_radians()).tan() * lines / 1080.0
+}
+
+fn chrome_sphere(app: &mut HeadlessApp) {
+    let sphere = Sphere::new(0.5 * metres(64.0));
+    spawn_mesh(app, sphere, polished(0.2, 1.0), Transform::IDENTITY);
+}
+
+fn pane(app: &mut HeadlessApp) {
+    let size = metres((0.02 * 1920.0 * 1080.0_f32).sqrt());
+    let glass = glass(Color::srgba(0.6, 0.8, 0.9, 0.2));
+    spawn_mesh(app, Rectangle::new(size, size), glass, Transform::IDENTITY);
+}
+
+fn glass(base_color: Color) -> StandardMaterial {
+    StandardMaterial {
+        base_color,
+        alpha_mode: AlphaMode::Blend,
+        ..polished(0.0, 0.0)
+    }
+}
+
+/// The helmet of the built-in scene, with lenses of glass.
+fn spawn_helmet(app: &mut HeadlessApp, detail: f32) -> Result<Entity, String> {
+    let camera = app.spawn_scene(SceneName::Pedestal, &SceneOptions { detail, ..default() });
+    let mut materials = app.world().resource_mut::<Assets<StandardMaterial>>();
+    // The lenses are all that is as smooth as glass.
+    let lenses = materials
+        .iter()
+        .filter(|(_, material)| material.perceptual_roughness == 0.0);
+    let ids: Vec<_> = lenses.map(|(id, _)| id).collect();
+    let [id] = ids[..] else {
+        return Err(format!("{} materials look like the lenses' one", ids.len()));
+    };
+    if let Some(mut lens) = materials.get_mut(id) {
+        *lens = glass(lens.base_color.with_alpha(0.3));
+    }
+    Ok(camera)
 }
