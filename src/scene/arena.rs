@@ -344,8 +344,8 @@ impl Arena {
         let unit = self.allocator.unit_words;
         let end = slice.words / unit;
         let first = slice.base() / unit;
-        let places = units.iter().filter(|place| **place < end).map(|place| first + place);
-        let mut places: Vec<u32> = places.collect();
+        let mut places = Vec::with_capacity(units.len());
+        places.extend(units.iter().filter(|place| **place < end).map(|place| first + place));
         let zeros = vec![0_u8; 4 * unit as usize];
         let most = scatter.most();
         let mut write = |buffer: &Buffer, places: &[u32]| {

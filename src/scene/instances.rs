@@ -4,6 +4,7 @@ pub(in crate::scene) mod details;
 pub(in crate::scene) mod extract;
 mod lightmap;
 pub(in crate::scene) mod lost;
+mod movement;
 mod users;
 
 use super::free_slots::{FreeSlots, shrink};
@@ -17,6 +18,7 @@ use bevy::{
 };
 
 pub use lightmap::LightmapSource;
+pub use movement::Movement;
 
 use users::SlotUsers;
 
@@ -136,7 +138,7 @@ pub struct SceneInstances {
     /// Meshes that an object uses for the first time.
     new_meshes: Vec<AssetId<Mesh>>,
     dirty: Vec<u32>,
-    moved: Vec<u32>,
+    moved: Vec<Movement>,
     /// Moves of objects to other slots: from and to.
     relocated: Vec<[u32; 2]>,
 }
@@ -182,11 +184,18 @@ impl SceneInstances {
         self.count == 0 && self.waiting.is_empty()
     }
 
-    /// Slots of objects that moved since the last call, and might have changed otherwise too, without duplicates.
-    pub fn take_moved(&mut self) -> Vec<u32> {
+    /// Movements of objects since the last call, by slot. The objects might have changed otherwise, too.
+    pub fn take_moved(&mut self) -> Vec<Movement> {
         let mut moved = core::mem::take(&mut self.moved);
-        moved.sort_unstable();
-        moved.dedup();
+        // Stable, so that movements of an object stay in order.
+        moved.sort_by_key(|moved| moved.slot);
+        moved.dedup_by(|later, first| {
+            let is_same = later.slot == first.slot;
+            if is_same {
+                first.add(later);
+            }
+            is_same
+        });
         moved
     }
 
@@ -228,8 +237,8 @@ impl SceneInstances {
             && before.world_from_object != source.world_from_object
             && before.is_same_apart_from_place(&source)
         {
-            before.world_from_object = source.world_from_object;
-            self.moved.push(slot);
+            let from = core::mem::replace(&mut before.world_from_object, source.world_from_object);
+            self.moved.push(Movement::new(slot, &from, &source.world_from_object));
         } else if place.as_ref() != Some(&source) {
             let (entity, mesh, material) = (source.entity, source.mesh, source.material);
             let replaced = place.replace(source);
@@ -287,8 +296,8 @@ impl SceneInstances {
         if let Some(Some(source)) = self.slots.get_mut(slot as usize)
             && source.world_from_object != world_from_object
         {
-            source.world_from_object = world_from_object;
-            self.moved.push(slot);
+            let from = core::mem::replace(&mut source.world_from_object, world_from_object);
+            self.moved.push(Movement::new(slot, &from, &world_from_object));
         }
     }
 
@@ -442,7 +451,8 @@ mod tests {
         instances.set_place(a, Affine3A::IDENTITY);
         assert!(instances.take_moved().is_empty(), "nothing has moved that is there");
         instances.set_place(a, place);
-        assert_eq!((instances.take_moved(), instances.take_dirty()), (vec![0], vec![]));
+        let moved = Movement::new(0, &Affine3A::IDENTITY, &place);
+        assert_eq!((instances.take_moved(), instances.take_dirty()), (vec![moved], vec![]));
         assert_eq!(instances.get(0).map(|source| source.world_from_object), Some(place));
         // A removed entity with the same index.
         let gone = Entity::from_bits(a.to_bits() ^ (1 << 32));
@@ -598,7 +608,8 @@ mod tests {
             ..InstanceSource::plain(b)
         });
         assert!(instances.take_dirty().is_empty());
-        assert_eq!(instances.take_moved(), [1]);
+        let moved = instances.take_moved();
+        assert_eq!((moved.len(), moved[0].slot), (1, 1));
         instances.remove(a);
         instances.set(InstanceSource::plain(c));
         assert_eq!(instances.take_dirty(), [0]);

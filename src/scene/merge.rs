@@ -105,6 +105,8 @@ struct Gathered {
     micromaps: Option<Arc<[Micromap]>>,
     slot: u32,
     placement: Placement,
+    /// As of the plan.
+    world_from_object: Affine3A,
 }
 
 struct Upload {
@@ -128,9 +130,10 @@ impl Default for StaticMerge {
 }
 
 impl StaticMerge {
-    /// Records the placement of a slot's object; `None` if the slot is empty or must not be merged.
-    pub fn observe(&mut self, slot: u32, placement: Option<Placement>) {
-        self.scheduler.observe(slot, placement);
+    /// Records the placement of a slot's object; `None` if the slot is empty or must not be merged. `moved` is true if its transform changed,
+    /// too.
+    pub fn observe(&mut self, slot: u32, placement: Option<Placement>, moved: bool) {
+        self.scheduler.observe(slot, placement, moved);
     }
 
     /// Sets the number of slots. Later slots must be empty.
@@ -139,23 +142,13 @@ impl StaticMerge {
     }
 
     /// Records that the object of a slot has only moved.
-    pub fn observe_move(&mut self, slot: u32, world_from_object: &Affine3A) {
-        self.scheduler.observe_move(slot, world_from_object);
+    pub fn observe_move(&mut self, slot: u32) {
+        self.scheduler.observe_move(slot);
     }
 
-    /// Begins to shift objects. All of them get the same vector.
-    pub fn begin_shift(&mut self) {
-        self.scheduler.begin_shift();
-    }
-
-    /// Records that the object of a slot is shifted.
-    pub fn shift(&mut self, slot: u32, world_from_object: &Affine3A, by: Vec3A) {
-        self.scheduler.shift(slot, world_from_object, by);
-    }
-
-    /// Shifts the trees, and cuts objects out of them that weren't shifted.
-    pub fn finish_shift(&mut self, by: Vec3A) {
-        self.scheduler.finish_shift(by);
+    /// Shifts all objects and trees. `staying` are the sorted slots of objects that weren't shifted, which are cut out of their trees.
+    pub fn shift(&mut self, by: Vec3A, staying: impl Iterator<Item = u32>) {
+        self.scheduler.shift(by, staying);
     }
 
     /// Slots that might have joined or left a tree since the last call.
@@ -206,8 +199,8 @@ impl StaticMerge {
         self.scheduler
             .note_used(meshes.bvh.used_bytes(), meshes.bvh.may_ask_again());
         self.scheduler
-            .advance(place_of, |_, placement| extent(meshes, placement));
-        self.carry_on(masks, meshes, queue, status);
+            .advance(|slot, placement| extent(meshes, placement, &place_of(slot)?));
+        self.carry_on(place_of, masks, meshes, queue, status);
         // Trees are better with micromaps, which rarely take long.
         self.waited = if masks.is_baking() { self.waited + 1 } else { 0 };
         if self.work.is_none()
@@ -258,8 +251,11 @@ impl StaticMerge {
         let Some(TreeOwners { first, owners }) = self.owners.get(&name) else {
             return false;
         };
-        let slices = cuts.iter().map(|(_, slot)| owners.triangles(*slot));
-        let mut triangles: Vec<u32> = slices.flatten().map(|triangle| first + triangle).collect();
+        let slices = || cuts.iter().map(|(_, slot)| owners.triangles(*slot));
+        let mut triangles = Vec::with_capacity(slices().map(<[u32]>::len).sum());
+        for slice in slices() {
+            triangles.extend(slice.iter().map(|triangle| first + triangle));
+        }
         let is_too_much = if meshes.bvh.clears_many() {
             triangles.len() > MOST_CUT_TRIANGLES
         } else {
@@ -280,9 +276,17 @@ impl StaticMerge {
         self.scheduler.abandon();
     }
 
-    fn carry_on(&mut self, masks: &MaskSets, meshes: &mut SceneMeshes, queue: &RenderQueue, status: &ReflectionStatus) {
+    fn carry_on(
+        &mut self,
+        place_of: impl Fn(u32) -> Option<Affine3A>,
+        masks: &MaskSets,
+        meshes: &mut SceneMeshes,
+        queue: &RenderQueue,
+        status: &ReflectionStatus,
+    ) {
         if let Some(Work::Gathering(gathering)) = &mut self.work {
-            match gathering.carry_on(masks, meshes) {
+            let shift = self.scheduler.shifted_since_plan();
+            match gathering.carry_on(place_of, shift, masks, meshes) {
                 None => {
                     self.work = None;
                     self.scheduler.fail();
@@ -359,11 +363,11 @@ impl Upload {
 }
 
 /// Returns the cost of merging an object; `None` if it has to stay an instance.
-fn extent(meshes: &SceneMeshes, placement: &Placement) -> Option<Extent> {
+fn extent(meshes: &SceneMeshes, placement: &Placement, world_from_object: &Affine3A) -> Option<Extent> {
     let mesh = meshes.get(placement.mesh)?;
     mesh.triangles.as_ref()?;
     let object = mesh.bvh.as_ref()?.bounds;
-    let world = merge_bounds(&placement.world_from_object, object, mesh.triangle_count)?;
+    let world = merge_bounds(world_from_object, object, mesh.triangle_count)?;
     Some(Extent {
         triangles: u64::from(mesh.triangle_count),
         centre: 0.5 * (Vec3A::from(world.min) + Vec3A::from(world.max)),
@@ -371,15 +375,25 @@ fn extent(meshes: &SceneMeshes, placement: &Placement) -> Option<Extent> {
 }
 
 impl Gathering {
-    /// Gathers some objects. Returns whether they were the last ones; `None` if a mesh is missing.
-    fn carry_on(&mut self, masks: &MaskSets, meshes: &SceneMeshes) -> Option<bool> {
+    /// Gathers some objects, which were shifted since the plan by this vector. Returns whether they were the last ones; `None` if a mesh is
+    /// missing.
+    fn carry_on(
+        &mut self,
+        place_of: impl Fn(u32) -> Option<Affine3A>,
+        shift: Vec3A,
+        masks: &MaskSets,
+        meshes: &SceneMeshes,
+    ) -> Option<bool> {
         for (slot, placement) in self.members.by_ref().take(GATHERED_PER_FRAME) {
             let micromaps = masks.micromaps(slot);
+            let mut world_from_object = place_of(slot)?;
+            world_from_object.translation -= shift;
             self.objects.push(Gathered {
                 mesh: meshes.get(placement.mesh)?.triangles.clone()?,
                 micromaps: micromaps.maps.filter(|_| micromaps.name == placement.micromaps),
                 slot,
                 placement,
+                world_from_object,
             });
         }
         Some(self.members.len() == 0)
@@ -395,7 +409,7 @@ fn build(objects: Vec<Gathered>) -> tree_builds::Build<BuiltTree> {
             .map(|object| MergeSource {
                 positions: object.mesh.positions(),
                 indices: object.mesh.indices(),
-                world_from_object: object.placement.world_from_object,
+                world_from_object: object.world_from_object,
                 instance: object.slot,
                 flags: object.placement.flags,
                 masks: object.placement.masks,

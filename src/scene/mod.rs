@@ -24,6 +24,7 @@ pub(crate) mod forward;
 mod free_slots;
 pub mod geometry;
 pub mod gpu_types;
+mod in_parallel;
 pub mod instances;
 mod light_probes;
 mod light_table;

@@ -38,6 +38,7 @@ pub struct OriginShift(pub Vec3);
 const TOLERANCE: f32 = 4.0 * f32::EPSILON;
 
 /// Returns whether a point moved by this vector, apart from rounding.
+#[inline]
 pub(super) fn is_step(before: Vec3, now: Vec3, by: Vec3) -> bool {
     let most = TOLERANCE * (before.abs() + now.abs() + by.abs());
     (now - before - by).abs().cmple(most).all()

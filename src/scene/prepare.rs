@@ -164,12 +164,12 @@ impl Scene<'_, '_> {
         let places = self.cameras.iter();
         let places = places.map(|(camera, view)| (camera, view.world_from_view.translation()));
         let steps = bindings.steps_of_cameras(places);
-        let shift = bindings.find_shift(&moved, instances, &steps, self.announced.take());
+        let shift = bindings.find_shift(&moved, &steps, self.announced.take());
         bindings.note_shift(shift.as_ref(), moved.len());
         let is_shifted = shift.is_some();
         let moving = match shift {
-            Some(shift) => &bindings.shift_all(shift, instances),
-            None => &moved,
+            Some(shift) => &bindings.shift_all(shift, &moved, instances),
+            None => &moved.iter().map(|moved| moved.slot).collect(),
         };
         let change = bindings
             .move_instances(moving, instances, &mut dirty)
@@ -195,8 +195,8 @@ impl Scene<'_, '_> {
         (bindings.poses).record(&poses.posed, &inputs, meshes, (device, queue), commands);
         let may_split = !self.wanted.iter().any(WantsReflections::uses_vrs);
         if !is_bvh && (bindings.must_build_again(may_split) || changed) {
-            let changed = [dirty, moved, poses.posed].concat();
-            let builds = bindings.build_ray_query_top_level(&changed, instances, meshes, device, queue, status);
+            dirty.extend(moved.iter().map(|moved| moved.slot).chain(poses.posed));
+            let builds = bindings.build_ray_query_top_level(&dirty, instances, meshes, device, queue, status);
             // Builds come after the commands that pose their inputs.
             commands.push(builds);
         }

@@ -37,7 +37,8 @@ const KEPT_RETURNS: u8 = 2;
 /// A fixed minimum is added.
 const PAUSE: u64 = 4;
 const SHORTEST_PAUSE: u64 = 20;
-/// Maximum number of merged objects that are removed from the static tree in one frame. Until then, rays hit them twice in the same place.
+/// Maximum number of merged objects that are removed from the static tree in one frame without a shift of the world. Until then, rays hit
+/// them twice in the same place.
 const LEAVING_PER_FRAME: usize = 256;
 
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -179,6 +180,13 @@ impl TopLevel {
         }
     }
 
+    /// Slots of objects in the two trees.
+    pub fn held(&self) -> Vec<u32> {
+        let places = (0..).zip(&self.places);
+        let held = places.filter(|(_, place)| place.site != Site::Absent);
+        held.map(|(slot, _)| slot).collect()
+    }
+
     /// Returns whether the object of a slot is in one of the two trees.
     pub fn holds(&self, slot: u32) -> bool {
         self.site(slot) != Site::Absent
@@ -198,7 +206,7 @@ impl TopLevel {
     }
 
     /// Removes an object from the static tree.
-    fn leave(&mut self, slot: u32) {
+    pub fn leave(&mut self, slot: u32) {
         let Site::Static(member) = self.site(slot) else { return };
         self.places[slot as usize].site = Site::Absent;
         if let Some(next) = &mut self.next {

@@ -10,7 +10,8 @@ use crate::scene::{
         INSTANCE_RECEIVES_SHADOW, INSTANCE_RECEIVES_TRANSMITTED_SHADOW, INSTANCE_RESTLESS, INSTANCE_STAND_IN,
         NO_TEXTURE,
     },
-    instances::InstanceSource,
+    in_parallel::in_parallel,
+    instances::{InstanceSource, Movement},
     meshes::SceneMesh,
     motion::{POSED_MOTION, UNKNOWN_MOTION, pack_motion, pack_vector},
     scatter::ScatterKernels,
@@ -24,6 +25,9 @@ use bevy::{
     },
 };
 use core::ops::Range;
+
+/// Number of objects that a task shifts. With more, fewer cores share the work; with fewer, starting tasks takes longer. Not tuned.
+const SHIFTED_BY_A_TASK: usize = 2048;
 
 /// The instance buffer, with a copy on the CPU.
 pub(in crate::scene) struct InstanceTable {
@@ -113,6 +117,7 @@ impl InstanceTable {
     }
 
     /// Returns whether rays can hit the object of a slot.
+    #[inline]
     pub fn can_be_hit(&self, slot: u32) -> bool {
         self.has_room(slot) && self.present.get(slot as usize) == Some(&true)
     }
@@ -265,19 +270,40 @@ impl InstanceTable {
         Some(self.mark_moving(slot, motion))
     }
 
-    /// Shifts an object with all others, which isn't a motion. Only its translation changes, so nothing is inverted. Returns its rows from
-    /// world to object, or `None` if rays can't hit it or it is too far away.
-    pub fn shift(&mut self, slot: u32, now: &Affine3A) -> Option<&[[f32; 4]; 3]> {
-        if !self.can_be_hit(slot) {
-            return None;
+    /// Shifts objects together, which isn't a motion: those of `moved` apart from `others`, both sorted by slots. Rays can hit the shifted
+    /// objects, and only their places have changed. Returns slots whose objects are too far away now and keep their last transform.
+    pub fn shift(&mut self, moved: &[Movement], others: &[u32]) -> Vec<u32> {
+        self.changed.extend(moved.iter().map(|moved| moved.slot));
+        // Each chunk has a part of the table for itself.
+        let mut parts = Vec::new();
+        let (mut rest, mut first) = (self.data.as_mut_slice(), 0);
+        for moved in moved.chunks(SHIFTED_BY_A_TASK) {
+            let end = moved.last().map_or(first, |last| last.slot as usize + 1);
+            let (part, after) = rest.split_at_mut((end - first).min(rest.len()));
+            parts.push((moved, first, part));
+            (rest, first) = (after, end);
         }
-        let data = &mut self.data[slot as usize];
-        if !move_inverse(&mut data.object_from_world, now.translation) {
-            return None;
-        }
-        data.world_from_object = bytemuck::cast(rows(now));
-        self.changed.push(slot);
-        Some(&data.object_from_world)
+        let shift = |(moved, first, part): (&[Movement], usize, &mut [GpuInstance])| {
+            let mut lost = Vec::new();
+            let shifted = moved.iter().filter(|moved| others.binary_search(&moved.slot).is_err());
+            for moved in shifted {
+                let (data, place) = (&mut part[moved.slot as usize - first], moved.place());
+                if move_inverse(&mut data.object_from_world, place.into()) {
+                    for (row, place) in data.world_from_object.iter_mut().zip(place.to_array()) {
+                        row[3] = place;
+                    }
+                } else {
+                    lost.push(moved.slot);
+                }
+            }
+            lost
+        };
+        in_parallel(parts, shift).concat()
+    }
+
+    /// The rows from world to object of a slot.
+    pub fn object_from_world(&self, slot: u32) -> &[[f32; 4]; 3] {
+        &self.data[slot as usize].object_from_world
     }
 
     /// Moves the last place of an object with the world, so that only its own movement is left. The object must get a new place in this
@@ -294,6 +320,22 @@ impl InstanceTable {
     pub fn place(&self, slot: u32) -> Option<&[[f32; 4]; 3]> {
         self.can_be_hit(slot)
             .then(|| &self.data[slot as usize].world_from_object)
+    }
+
+    /// Slots with objects that rays can hit, apart from `count` sorted ones.
+    pub fn present_besides(&self, sorted: impl Iterator<Item = u32>, count: usize) -> impl Iterator<Item = u32> {
+        let room = self.limit.min(self.present.len());
+        // Usually there are none.
+        let slots = if count < self.present_count {
+            0..room as u32
+        } else {
+            0..0
+        };
+        let mut rest = sorted.peekable();
+        slots.filter(move |slot| {
+            while rest.next_if(|other| other < slot).is_some() {}
+            self.present[*slot as usize] && rest.next_if_eq(slot).is_none()
+        })
     }
 
     /// Marks the object as deforming in this frame, after [`Self::set`] and [`Self::set_matrices`]. `knows_motions` is true if its geometry
@@ -469,8 +511,13 @@ mod tests {
         }
         table.settle();
         // The first one is shifted by 64 m, the second one also moves by 1 m.
-        let place = Affine3A::from_translation(Vec3::X * 64.0);
-        assert_eq!(table.shift(0, &place), Some(&at(64.0).object_from_world));
+        let place = |x: f32| Affine3A::from_translation(Vec3::X * x);
+        assert!(
+            table
+                .shift(&[Movement::new(0, &place(0.0), &place(64.0))], &[])
+                .is_empty()
+        );
+        assert_eq!(table.object_from_world(0), &at(64.0).object_from_world);
         table.carry(1, Vec3A::X * 64.0);
         table.set_matrices(1, &at(65.0));
         table.settle();
@@ -486,6 +533,46 @@ mod tests {
         assert_eq!(table.flags(0) & (INSTANCE_MOVING | INSTANCE_RESTLESS), 0);
         assert_eq!(motion(1), of(64.0, 65.0));
         assert_ne!(motion(1), of(0.0, 65.0));
+    }
+
+    /// More objects than one task shifts. Every third rests, every seventh moves on its own, and one ends too far away.
+    #[test]
+    fn many_objects_are_shifted_together() {
+        let Some((device, _)) = test_gpu::device() else {
+            return;
+        };
+        let count = 3 * SHIFTED_BY_A_TASK as u32;
+        let mut table = InstanceTable::new(&device);
+        table.reserve(count as usize, &device);
+        for slot in 0..count {
+            table.set(slot, object(slot as f32, NO_TEXTURE, [0; 2]));
+        }
+        let moves = |slot: &u32| !slot.is_multiple_of(3);
+        let is_shifted = |slot: &u32| moves(slot) && !slot.is_multiple_of(7);
+        let place = |x: f32| Affine3A::from_translation(Vec3::X * x);
+        let far = Affine3A::from_translation(Vec3::splat(f32::MAX));
+        let moved = (0..count).filter(moves).map(|slot| {
+            let x = slot as f32;
+            let to = if slot == 4 { far } else { place(x + 0.5) };
+            Movement::new(slot, &place(x), &to)
+        });
+        let moved: Vec<Movement> = moved.collect();
+        let others: Vec<u32> = (0..count).filter(|slot| moves(slot) && !is_shifted(slot)).collect();
+        assert_eq!(table.shift(&moved, &others), [4]);
+        for slot in (0..count).filter(|slot| *slot != 4) {
+            let x = slot as f32 + if is_shifted(&slot) { 0.5 } else { 0.0 };
+            let expected = at(x);
+            assert_eq!(table.place(slot), Some(&expected.world_from_object), "slot {slot}");
+            assert_eq!(
+                table.object_from_world(slot),
+                &expected.object_from_world,
+                "slot {slot}"
+            );
+        }
+        let shifted = || (0..count).filter(is_shifted);
+        let rest = table.present_besides(shifted(), shifted().count());
+        assert!(rest.eq((0..count).filter(|slot| !is_shifted(slot))));
+        assert_eq!(table.present_besides(0..count, count as usize).count(), 0);
     }
 
     #[test]

@@ -13,12 +13,7 @@ mod plan;
 mod shift;
 
 use crate::scene::{bvh::Bounds, free_slots::shrink, waiting_room::WaitingRoom};
-use bevy::{
-    asset::AssetId,
-    ecs::entity::Entity,
-    math::{Affine3A, Vec3A},
-    mesh::Mesh,
-};
+use bevy::{asset::AssetId, ecs::entity::Entity, math::Vec3A, mesh::Mesh};
 use core::cmp::Reverse;
 use std::collections::{BTreeMap, BTreeSet, BinaryHeap};
 
@@ -48,7 +43,7 @@ pub(super) struct Limits {
     pub budget_triangles: u64,
 }
 
-/// The properties of an object that merged trees copy: if any of them changes, the copy is stale.
+/// The properties of an object that merged trees copy, besides its transform: if any of them changes, the copy is stale.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(in crate::scene) struct Placement {
     /// The object.
@@ -57,8 +52,6 @@ pub(in crate::scene) struct Placement {
     pub mesh: AssetId<Mesh>,
     /// Version of the mesh.
     pub version: u64,
-    /// Object to world.
-    pub world_from_object: Affine3A,
     /// `INSTANCE_` flags that the traversal reads.
     pub flags: u32,
     /// Index of the first mask of an alpha-masked object; else 0.
@@ -72,7 +65,7 @@ pub(in crate::scene) struct Placement {
 pub(super) struct Extent {
     /// Triangles.
     pub triangles: u64,
-    /// Centre of the world-space box.
+    /// Centre of the world-space box. In the scheduler's slots, without all shifts so far.
     pub centre: Vec3A,
 }
 
@@ -123,8 +116,6 @@ struct Slot {
     disturbances: u32,
     /// The last object in this slot.
     entity: Option<Entity>,
-    /// Number of the last shift that moved it.
-    shift: u64,
 }
 
 impl Slot {
@@ -197,9 +188,9 @@ pub(super) struct MergeScheduler {
     crossed: Vec<u32>,
     /// Names of trees, and slots to be cut out of them.
     cuts: Vec<(u64, u32)>,
-    /// Number of shifts.
-    shifts: u64,
-    /// Frame of the last one, until the trees that it moved are planned again.
+    /// Sum of all shifts.
+    origin: Vec3A,
+    /// Frame of the last shift, until the trees that it moved are planned again.
     shifted: Option<u64>,
     /// Number of members of chunks that were looked at since the start.
     #[cfg(test)]
@@ -236,15 +227,16 @@ impl MergeScheduler {
             released: Vec::new(),
             crossed: Vec::new(),
             cuts: Vec::new(),
-            shifts: 0,
+            origin: Vec3A::ZERO,
             shifted: None,
             #[cfg(test)]
             visited: 0,
         }
     }
 
-    /// Records the placement of a slot's object in this frame; `None` if there is no object that rays can hit.
-    pub fn observe(&mut self, slot: u32, placement: Option<Placement>) {
+    /// Records the placement of a slot's object in this frame; `None` if there is no object that rays can hit. `moved` is true if its
+    /// transform changed, too.
+    pub fn observe(&mut self, slot: u32, placement: Option<Placement>, moved: bool) {
         let index = slot as usize;
         if index >= self.slots.len() {
             if placement.is_none() {
@@ -253,18 +245,19 @@ impl MergeScheduler {
             self.slots.resize_with(index + 1, Slot::default);
             self.moved.resize(index + 1, 0);
         }
-        if self.slots[index].placement != placement {
-            self.disturb(slot, placement);
+        if self.slots[index].placement != placement || (moved && placement.is_some()) {
+            self.disturb(slot, placement, moved);
         }
     }
 
     /// The object of a slot has changed.
-    fn disturb(&mut self, slot: u32, placement: Option<Placement>) {
+    fn disturb(&mut self, slot: u32, placement: Option<Placement>, moved: bool) {
         let index = slot as usize;
         let before = self.slots[index].placement;
         let state = self.slots[index].state;
+        let only_gains = !moved && gains_micromaps(before, placement);
         if let State::Merged(chunk) = state
-            && (gains_micromaps(before, placement) || !self.cut_out(slot, chunk))
+            && (only_gains || !self.cut_out(slot, chunk))
         {
             self.dissolve(chunk);
         }
@@ -273,7 +266,7 @@ impl MergeScheduler {
         {
             building.stale = true;
         }
-        if gains_micromaps(before, placement) {
+        if only_gains {
             self.slots[index].placement = placement;
             return;
         }
@@ -302,23 +295,12 @@ impl MergeScheduler {
     }
 
     /// Records that the object of a slot has only moved.
-    pub fn observe_move(&mut self, slot: u32, world_from_object: &Affine3A) {
+    pub fn observe_move(&mut self, slot: u32) {
         match self.moved.get_mut(slot as usize) {
-            None => return,
-            Some(0) => {}
-            Some(moved) => {
-                *moved = self.frame;
-                return;
-            }
+            None => {}
+            Some(0) => self.observe(slot, self.slots[slot as usize].placement, true),
+            Some(moved) => *moved = self.frame,
         }
-        let Some(placement) = &self.slots[slot as usize].placement else {
-            return;
-        };
-        let placement = Placement {
-            world_from_object: *world_from_object,
-            ..*placement
-        };
-        self.observe(slot, Some(placement));
     }
 
     /// Sets the number of slots. Later slots must be empty.
@@ -348,13 +330,8 @@ impl MergeScheduler {
         self.slots.len()
     }
 
-    /// Advances by a frame. `place_of` returns the transform of a slot's object, and `measure` the cost of merging it, or `None` if it
-    /// must stay an instance.
-    pub fn advance(
-        &mut self,
-        place_of: impl Fn(u32) -> Option<Affine3A>,
-        measure: impl Fn(u32, &Placement) -> Option<Extent>,
-    ) {
+    /// Advances by a frame. `measure` returns the cost of merging a slot's object, or `None` if it must stay an instance.
+    pub fn advance(&mut self, measure: impl Fn(u32, &Placement) -> Option<Extent>) {
         self.frame += 1;
         while let Some(&Reverse((due, slot))) = self.settling.peek() {
             if due > self.frame {
@@ -379,16 +356,14 @@ impl MergeScheduler {
             }
             place.queued = false;
             *moved = 0;
-            if let (Some(placement), Some(world_from_object)) = (&mut place.placement, place_of(slot)) {
-                placement.world_from_object = world_from_object;
-            }
             let extent = place
                 .placement
                 .as_ref()
                 .and_then(|placement| measure(slot, placement))
                 .filter(|extent| extent.triangles <= self.limits.chunk_triangles);
-            if let Some(extent) = extent {
-                place.extent = extent;
+            if let Some(Extent { triangles, centre }) = extent {
+                let centre = centre - self.origin;
+                place.extent = Extent { triangles, centre };
                 place.state = State::Resting;
                 self.resting.insert(slot);
                 self.wake();
@@ -396,6 +371,11 @@ impl MergeScheduler {
                 place.state = State::Excluded;
             }
         }
+    }
+
+    /// Vector by which the objects of the planned tree were shifted since the plan.
+    pub fn shifted_since_plan(&self) -> Vec3A {
+        self.building.as_ref().map_or(Vec3A::ZERO, |building| building.offset)
     }
 
     /// Returns whether a member of the tree in progress has changed: the result can't be used, and [`Self::abandon`] should be called.

@@ -39,7 +39,7 @@ impl SceneBindings {
         let matrices = Matrices::of(place)?;
         let change = self.instances.set_matrices(slot, &matrices)?;
         if self.tracer == ReflectionTracer::Bvh {
-            self.merge.observe_move(slot, place);
+            self.merge.observe_move(slot);
             self.top_level.set_transform(slot, place, &matrices.object_from_world);
         }
         Some(change)
@@ -133,13 +133,14 @@ impl SceneBindings {
                 entity: source.entity,
                 mesh: source.mesh,
                 version: meshes.get(source.mesh)?.version,
-                world_from_object: source.world_from_object,
                 flags: packed.flags & TRAVERSAL_FLAGS,
                 masks: packed.masks,
                 micromaps: self.masks.micromaps(slot).name,
             })
         });
-        self.merge.observe(slot, placement);
+        let last = self.instances.place(slot);
+        let has_moved = instance.is_some_and(|(packed, _)| last != Some(&packed.world_from_object));
+        self.merge.observe(slot, placement, has_moved);
     }
 
     /// Adds an object to the top level, or removes it.

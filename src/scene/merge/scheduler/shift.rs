@@ -1,35 +1,22 @@
 //! Shifts of the whole world by one vector, such as those of a floating origin: trees move along, and no object counts as disturbed.
 
 use super::{MergeScheduler, State};
-use bevy::math::{Affine3A, Vec3A};
+use bevy::math::Vec3A;
 
 impl MergeScheduler {
-    /// Begins to shift objects. All of them get the same vector.
-    pub fn begin_shift(&mut self) {
-        self.shifts += 1;
-    }
-
-    /// Records that the object of a slot is shifted.
-    pub fn shift(&mut self, slot: u32, world_from_object: &Affine3A, by: Vec3A) {
-        let Some(place) = self.slots.get_mut(slot as usize) else {
-            return;
-        };
-        if let Some(placement) = &mut place.placement {
-            placement.world_from_object = *world_from_object;
-        }
-        place.extent.centre += by;
-        place.shift = self.shifts;
-    }
-
-    /// Shifts the trees, and cuts objects out of them that weren't shifted.
-    pub fn finish_shift(&mut self, by: Vec3A) {
-        for index in 0..self.slots.len() {
-            let place = &self.slots[index];
-            let is_in_a_tree = matches!(place.state, State::Merged(_)) || place.building;
-            if is_in_a_tree && place.shift != self.shifts {
-                self.disturb(index as u32, place.placement);
+    /// Shifts all objects and trees. `staying` are the sorted slots of objects that weren't shifted, which are cut out of their trees.
+    pub fn shift(&mut self, by: Vec3A, staying: impl Iterator<Item = u32>) {
+        for slot in staying {
+            let Some(place) = self.slots.get_mut(slot as usize) else {
+                break;
+            };
+            place.extent.centre -= by;
+            if matches!(place.state, State::Merged(_)) || place.building {
+                let placement = place.placement;
+                self.disturb(slot, placement, true);
             }
         }
+        self.origin += by;
         for chunk in self.chunks.values_mut() {
             chunk.tree.offset += by;
         }
