@@ -270,8 +270,9 @@ impl InstanceTable {
         Some(self.mark_moving(slot, motion))
     }
 
-    /// Shifts objects together, which isn't a motion: those of `moved` apart from `others`, both sorted by slots. Rays can hit the shifted
-    /// objects, and only their places have changed. Returns slots whose objects are too far away now and keep their last transform.
+    /// Shifts the objects of `moved` apart from those of `others`. Both lists are sorted by slots. A shift isn't a motion. Rays can hit the
+    /// shifted objects, and only their translations changed. Returns the slots of objects that are too far away to shift: they keep their
+    /// last transform.
     pub fn shift(&mut self, moved: &[Movement], others: &[u32]) -> Vec<u32> {
         self.changed.extend(moved.iter().map(|moved| moved.slot));
         // Each chunk has a part of the table for itself.
@@ -307,7 +308,7 @@ impl InstanceTable {
     }
 
     /// Moves the last place of an object with the world, so that only its own movement is left. The object must get a new place in this
-    /// frame.
+    /// frame, or be removed.
     pub fn carry(&mut self, slot: u32, by: Vec3A) {
         if let Some(data) = self.data.get_mut(slot as usize) {
             for (row, by) in data.world_from_object.iter_mut().zip(by.to_array()) {
@@ -322,7 +323,7 @@ impl InstanceTable {
             .then(|| &self.data[slot as usize].world_from_object)
     }
 
-    /// Slots with objects that rays can hit, apart from `count` sorted ones.
+    /// Slots with objects that rays can hit, apart from sorted ones. `count` is the number of these, all of which rays can hit.
     pub fn present_besides(&self, sorted: impl Iterator<Item = u32>, count: usize) -> impl Iterator<Item = u32> {
         let room = self.limit.min(self.present.len());
         // Usually there are none.
