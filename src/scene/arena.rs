@@ -324,7 +324,7 @@ impl Arena {
             units.sort_unstable();
         }
         let takes_many_writes = !is_short || runs(&units, 0).count() > FEW_WRITES;
-        if takes_many_writes && self.scatter_zeros(queue, slice, &units) {
+        if takes_many_writes && self.scatter_zeros(queue, slice, &mut units) {
             return;
         }
         units.sort_unstable();
@@ -334,18 +334,19 @@ impl Arena {
         }
     }
 
-    /// Returns false and writes nothing, or only some of the zeros, if the kernel is missing or lacks memory.
-    fn scatter_zeros(&mut self, queue: &RenderQueue, slice: &ArenaSlice, units: &[u32]) -> bool {
+    /// Returns false and writes nothing, or only some of the zeros, if the kernel is missing or lacks memory. Units beyond the slice are
+    /// dropped.
+    fn scatter_zeros(&mut self, queue: &RenderQueue, slice: &ArenaSlice, units: &mut Vec<u32>) -> bool {
         if slice.arena != self.allocator.id || self.scatter.is_none() {
             return false;
         }
         self.make_resident(queue, slice);
         let Some(scatter) = &mut self.scatter else { return false };
         let unit = self.allocator.unit_words;
-        let end = slice.words / unit;
-        let first = slice.base() / unit;
-        let mut places = Vec::with_capacity(units.len());
-        places.extend(units.iter().filter(|place| **place < end).map(|place| first + place));
+        let (first, end) = (slice.base() / unit, slice.words / unit);
+        // In place: there can be hundreds of thousands.
+        units.retain(|place| *place < end);
+        units.iter_mut().for_each(|place| *place += first);
         let zeros = vec![0_u8; 4 * unit as usize];
         let most = scatter.most();
         let mut write = |buffer: &Buffer, places: &[u32]| {
@@ -353,15 +354,14 @@ impl Arena {
             let mut parts = places.chunks(most);
             parts.all(|places| scatter.write(buffer, zeros(), places, &self.device, queue))
         };
-        if !write(&self.buffer, &places) {
-            return false;
+        let mut is_done = write(&self.buffer, units);
+        if let Some(Replacement { buffer, done, .. }) = self.replacement.as_ref().filter(|_| is_done) {
+            // The rest is yet to be copied.
+            let copied = units.iter().filter(|place| self.allocator.bytes(**place) < *done);
+            is_done = write(buffer, &copied.copied().collect::<Vec<u32>>());
         }
-        let Some(Replacement { buffer, done, .. }) = &self.replacement else {
-            return true;
-        };
-        // The rest is yet to be copied.
-        places.retain(|place| self.allocator.bytes(*place) < *done);
-        write(buffer, &places)
+        units.iter_mut().for_each(|place| *place -= first);
+        is_done
     }
 
     /// Call before recording commands of this frame that write to a slice. Until they are submitted, nothing may be allocated. From then

@@ -42,9 +42,8 @@ use bevy::{
     },
 };
 use core::num::NonZeroU64;
-use instance_table::InstanceTable;
 
-pub(super) use instance_table::{Matrices, pack_instance};
+pub(super) use instance_table::{InstanceTable, pack_instance};
 pub(crate) use shader_defs::SceneDefinitions;
 
 /// The scene's buffers and bind group (group 1 of `bindings.wesl`).

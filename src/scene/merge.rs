@@ -14,6 +14,7 @@ mod tests;
 
 use super::{
     bvh::{Blas, BvhQuality, MergeSource, Micromap, Owners, TlasInstance, build_merged, merge_bounds},
+    in_parallel::{OBJECTS_OF_A_TASK, in_parallel, joined},
     masks::MaskSets,
     meshes::{CHUNK_TRIANGLES, MeshTriangles, SceneMeshes},
     tree_builds,
@@ -251,11 +252,13 @@ impl StaticMerge {
         let Some(TreeOwners { first, owners }) = self.owners.get(&name) else {
             return false;
         };
-        let slices = || cuts.iter().map(|(_, slot)| owners.triangles(*slot));
-        let mut triangles = Vec::with_capacity(slices().map(<[u32]>::len).sum());
-        for slice in slices() {
-            triangles.extend(slice.iter().map(|triangle| first + triangle));
-        }
+        let gather = |cuts: &[(u64, u32)]| {
+            let slices: Vec<&[u32]> = cuts.iter().map(|(_, slot)| owners.triangles(*slot)).collect();
+            let mut triangles = Vec::with_capacity(slices.iter().map(|slice| slice.len()).sum());
+            triangles.extend(slices.iter().copied().flatten().map(|triangle| first + triangle));
+            triangles
+        };
+        let mut triangles = joined(in_parallel(cuts.chunks(OBJECTS_OF_A_TASK).collect(), gather));
         let is_too_much = if meshes.bvh.clears_many() {
             triangles.len() > MOST_CUT_TRIANGLES
         } else {

@@ -21,5 +21,5 @@ mod tests;
 mod vertex_shader;
 
 pub(super) use extract::{ExtractedPoses, PoseWorld, extract_poses};
-pub(super) use poses::{PoseInputs, Poses};
+pub(super) use poses::{PoseInputs, PosedTree, Poses};
 pub(super) use vertex_shader::{VertexShader, extract_vertex_shader};

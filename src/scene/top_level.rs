@@ -18,8 +18,8 @@ use super::{
     tree_builds,
 };
 use bevy::{log::warn_once, math::Affine3A, render::renderer::RenderQueue};
-use moving_tree::{Mover, MovingTree};
-use static_build::{Joining, Progress, StaticBuild};
+use moving_tree::MovingTree;
+use static_build::{Joining, Mover, Progress, StaticBuild};
 use static_tree::StaticTree;
 
 pub(super) use object::Object;
@@ -96,9 +96,14 @@ pub(super) struct TopLevel {
 }
 
 impl TopLevel {
-    /// Records that the object of a slot is new or changed.
-    pub fn set(&mut self, slot: u32, object: Object) {
-        let Some(entry) = LinearEntry::new(&object.instance()) else {
+    /// Makes room for this number of further objects that move.
+    pub fn reserve(&mut self, more: usize) {
+        self.moving_tree.reserve(more);
+    }
+
+    /// Records that the object of a slot is new or changed; `None` if rays can't hit it any more.
+    pub fn set(&mut self, slot: u32, entry: Option<LinearEntry>) {
+        let Some(entry) = entry else {
             self.remove(slot);
             return;
         };
@@ -110,16 +115,12 @@ impl TopLevel {
             place.returns = (place.returns + 1).min(MOST_DOUBLINGS);
             self.leave(slot);
         }
-        let mover = Mover {
-            slot,
-            changed: self.frame,
-            object,
-        };
         self.moved = true;
         if let Site::Moving(index) = self.places[slot as usize].site {
-            self.moving_tree.replace(index, mover, entry);
+            self.moving_tree.replace(index, self.frame, entry);
         } else {
-            self.places[slot as usize].site = Site::Moving(self.moving_tree.insert(mover, entry));
+            let index = self.moving_tree.insert(slot, self.frame, entry);
+            self.places[slot as usize].site = Site::Moving(index);
         }
     }
 
@@ -140,11 +141,11 @@ impl TopLevel {
             }
             Site::Static(member) => {
                 if let Some(object) = self.static_tree.as_ref().and_then(|tree| tree.object(member)) {
-                    let object = Object {
+                    let instance = TlasInstance {
                         world_from_object: *world_from_object,
-                        ..object.clone()
+                        ..object.instance()
                     };
-                    self.set(slot, object);
+                    self.set(slot, LinearEntry::with_inverse(&instance, object_from_world));
                 }
             }
         }
@@ -226,11 +227,11 @@ impl TopLevel {
     }
 
     /// Advances the static tree. Call once per frame, after all changes. `merged` returns whether an object is part of a merged tree, and
-    /// `place_of` its transform.
+    /// `object_of` returns the object of a slot.
     pub fn advance(
         &mut self,
         merged: impl Fn(u32) -> bool,
-        place_of: impl Fn(u32) -> Option<Affine3A>,
+        object_of: impl Fn(u32, &SceneMeshes) -> Option<Object>,
         meshes: &mut SceneMeshes,
         queue: &RenderQueue,
     ) {
@@ -265,7 +266,7 @@ impl TopLevel {
             // Moves the same tree to a better place.
             self.next = Some(StaticBuild::start(Some(tree), Vec::new(), self.frame));
         } else if self.frame >= self.next_build {
-            self.plan(place_of);
+            self.plan(|slot| object_of(slot, meshes));
         }
     }
 
@@ -314,7 +315,7 @@ impl TopLevel {
     }
 
     /// Starts to build a static tree if that is worth it.
-    fn plan(&mut self, place_of: impl Fn(u32) -> Option<Affine3A>) {
+    fn plan(&mut self, object_of: impl Fn(u32) -> Option<Object>) {
         let (slots, changed) = (self.moving_tree.slots(), self.moving_tree.changed());
         let movers = (0..).zip(slots.iter().zip(changed));
         let settled = movers.filter(|(_, (slot, changed))| {
@@ -331,7 +332,11 @@ impl TopLevel {
             self.next_build = self.frame + SETTLING_FRAMES;
             return;
         }
-        let joining = settled.iter().map(|index| self.moving_tree.mover(*index, &place_of));
+        let joining = settled.iter().filter_map(|index| {
+            let (slot, changed) = (slots[*index as usize], changed[*index as usize]);
+            let object = object_of(slot)?;
+            Some(Mover { slot, changed, object })
+        });
         self.next = Some(StaticBuild::start(last, joining.collect(), self.frame));
     }
 
@@ -345,12 +350,12 @@ impl TopLevel {
         self.moved || self.static_tree.as_ref().is_some_and(|tree| !tree.emptied.is_empty())
     }
 
-    /// Updates the buffer. `trees` are the merged ones, and `place_of` returns the transform of a slot's object. If space is lacking,
-    /// merged trees can be lost.
+    /// Updates the buffer. `trees` are the merged ones, and `object_of` returns the object of a slot. If space is lacking, merged trees can
+    /// be lost.
     pub fn upload<'a>(
         &mut self,
         trees: impl Iterator<Item = TlasInstance<'a>>,
-        place_of: impl Fn(u32) -> Option<Affine3A>,
+        object_of: impl Fn(u32, &SceneMeshes) -> Option<Object>,
         meshes: &mut SceneMeshes,
         queue: &RenderQueue,
     ) {
@@ -360,7 +365,7 @@ impl TopLevel {
         if !core::mem::take(&mut self.moved) {
             return;
         }
-        let moving = self.moving_tree.upload(trees, &place_of, meshes, queue);
+        let moving = self.moving_tree.upload(trees, object_of, meshes, queue);
         let fits = moving.is_some();
         let (node_count, items, stack) = join([self.static_tree.as_ref().map(|tree| &tree.tlas), moving]);
         meshes.write_root(queue, &items);

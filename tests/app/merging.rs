@@ -1,8 +1,8 @@
 //! Static objects are merged into trees in world space, and merging must not be visible.
 
 use crate::{
-    pictures::{assert_flip, flip, picture_app, spawn, warm_up},
-    stage::{SIZE, add, edit_material, image, report, until_at_rest},
+    pictures::{assert_flip, flip, picture_app, reflect, spawn, warm_up},
+    stage::{SIZE, add, edit_material, image, metal, report, spawn_camera, spawn_mesh, unlit, until_at_rest},
 };
 use bevy::{
     camera::Viewport,
@@ -105,6 +105,71 @@ fn masked_objects_are_merged() {
     }
     warm_up(&mut app);
     assert_flip("masked-out", SIZE, &app.capture().unwrap(), &cut_out, 0.002);
+}
+
+/// A mirror before a wall of 2,400 tiles, one half of which an explosion takes apart. Returns the tiles of that half.
+fn spawn_wall(app: &mut HeadlessApp, is_apart: bool) -> Vec<Entity> {
+    let floor = Transform::from_translation(Vec3::new(0.0, -0.05, 0.0));
+    spawn_mesh(app, Cuboid::new(12.0, 0.1, 12.0), metal(0.0), floor);
+    let mesh = add(app, Mesh::from(Cuboid::from_length(0.1)));
+    let paints = [[200, 60, 40], [40, 120, 200]].map(|color| add(app, unlit(color)));
+    let mut half = Vec::new();
+    for index in 0..2_400 {
+        // The last of them are low, where the mirror shows them.
+        let (column, row) = (index % 60, 39 - index / 60);
+        let mut place = Transform::from_xyz(0.15 * (column as f32 - 30.0), 0.15 * row as f32 + 0.1, -4.0);
+        let is_taken = index % 2 == 0;
+        if is_taken && is_apart {
+            place.translation += flight(index);
+        }
+        let material = MeshMaterial3d(paints[(column / 8 + row / 8) % 2].clone());
+        let tile = app.world().spawn((Mesh3d(mesh.clone()), material, place)).id();
+        if is_taken {
+            half.push(tile);
+        }
+    }
+    half
+}
+
+/// Where the explosion takes a tile.
+fn flight(index: usize) -> Vec3 {
+    Vec3::new(
+        0.4 * ((index % 7) as f32 - 3.0),
+        0.3 * (index % 5) as f32,
+        0.5 + 0.2 * (index % 11) as f32,
+    )
+}
+
+/// More merged objects than a task takes move in one frame. Rays hit them at once where they are, and nowhere else.
+#[test]
+fn an_explosion_of_merged_objects_is_seen_at_once() {
+    let mut pictures = Vec::new();
+    for is_apart in [true, false] {
+        let Some(mut app) = picture_app(SIZE) else { return };
+        let half = spawn_wall(&mut app, is_apart);
+        let view = Transform::from_xyz(0.0, 3.0, 5.0).looking_at(Vec3::new(0.0, 0.5, -2.0), Vec3::Y);
+        let camera = spawn_camera(&mut app, view, SceneName::Demo);
+        reflect(&mut app, camera, ReflectionTechnique::Reference);
+        if !is_apart {
+            let merged = until_merged(&mut app);
+            assert_eq!(merged.merged_instances, merged.instances, "{merged:?}");
+            // Some leave the tree of static objects in each frame.
+            app.step(12);
+            for (index, tile) in half.into_iter().enumerate() {
+                app.world().get_mut::<Transform>(tile).unwrap().translation += flight(2 * index);
+            }
+            app.step(1);
+            let cut = report(&mut app);
+            assert_eq!(
+                (cut.merged_instances, cut.instances),
+                (merged.instances - 1_200, merged.instances),
+                "half of the tree was cut out"
+            );
+        }
+        pictures.push(app.capture().unwrap());
+    }
+    let [expected, actual] = pictures.try_into().unwrap();
+    assert_flip("explosion", SIZE, &expected, &actual, 0.002);
 }
 
 /// Waits like [`until_at_rest`], with a view of few pixels: an object that has changed rests for hundreds of frames before it is merged.

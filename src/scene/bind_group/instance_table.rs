@@ -1,5 +1,8 @@
 //! The table of instances: objects by slot, in the shaders' layout.
 
+#[cfg(test)]
+mod tests;
+
 use crate::scene::{
     acceleration::rows,
     bvh::{Inverse, MAX_INSTANCES, invert, move_inverse},
@@ -10,7 +13,7 @@ use crate::scene::{
         INSTANCE_RECEIVES_SHADOW, INSTANCE_RECEIVES_TRANSMITTED_SHADOW, INSTANCE_RESTLESS, INSTANCE_STAND_IN,
         NO_TEXTURE,
     },
-    in_parallel::in_parallel,
+    in_parallel::{OBJECTS_OF_A_TASK, in_parallel, in_parallel_beside, joined},
     instances::{InstanceSource, Movement},
     meshes::SceneMesh,
     motion::{POSED_MOTION, UNKNOWN_MOTION, pack_motion, pack_vector},
@@ -25,9 +28,6 @@ use bevy::{
     },
 };
 use core::ops::Range;
-
-/// Number of objects that a task shifts. With more, fewer cores share the work; with fewer, starting tasks takes longer. Not tuned.
-const SHIFTED_BY_A_TASK: usize = 2048;
 
 /// The instance buffer, with a copy on the CPU.
 pub(in crate::scene) struct InstanceTable {
@@ -250,24 +250,37 @@ impl InstanceTable {
         });
     }
 
-    /// Replaces the transform of an object. Returns `None` if more than its matrices would change.
-    pub fn set_matrices(&mut self, slot: u32, matrices: &Matrices) -> Option<Change> {
-        if !self.can_be_hit(slot) {
-            return None;
-        }
-        let data = &mut self.data[slot as usize];
-        if matrices.mirrored != (data.flags & INSTANCE_MIRRORED != 0) {
-            return None;
-        }
-        let motion = if data.lightmap == NO_TEXTURE {
-            let [now, before] = [&matrices.world_from_object, &data.world_from_object];
-            pack_motion(now, before, &matrices.object_from_world)
-        } else {
-            [UNKNOWN_MOTION, 0]
+    /// Moves the objects of slots, which are sorted and without duplicates. Many are moved on other threads while `meanwhile` runs on this
+    /// one. Returns each slot with the change for rays, or `None` if more than its matrices would change or rays can't hit it.
+    pub fn move_objects(
+        &mut self,
+        sorted: &[u32],
+        place_of: impl Fn(u32) -> Option<Affine3A> + Sync,
+        meanwhile: impl FnOnce() + Send,
+    ) -> Vec<(u32, Option<Change>)> {
+        let (frame, room, present) = (self.frame, self.limit.min(self.present.len()), &self.present);
+        let rows = parts(sorted, |slot| *slot, &mut self.data);
+        let frames = parts(sorted, |slot| *slot, &mut self.moved);
+        let move_part = |((slots, first, rows), (_, _, frames)): (Part<u32, GpuInstance>, Part<u32, u32>)| {
+            let mut marks = |slot: u32| {
+                let index = slot as usize;
+                let can_be_hit = index < room && present[index];
+                let matrices = Matrices::of(&place_of(slot).filter(|_| can_be_hit)?)?;
+                let motion = replace_matrices(&mut rows[index - first], &matrices)?;
+                Some(mark(
+                    &mut rows[index - first],
+                    &mut frames[index - first],
+                    frame,
+                    motion,
+                ))
+            };
+            slots.iter().map(|slot| (*slot, marks(*slot))).collect::<Vec<_>>()
         };
-        data.world_from_object = matrices.world_from_object;
-        data.object_from_world = matrices.object_from_world;
-        Some(self.mark_moving(slot, motion))
+        let parts = in_parallel_beside(rows.into_iter().zip(frames).collect(), move_part, meanwhile);
+        let moved = parts.into_iter().flatten();
+        moved
+            .map(|(slot, marks)| (slot, marks.map(|marks| self.list(slot, marks))))
+            .collect()
     }
 
     /// Shifts the objects of `moved` apart from those of `others`. Both lists are sorted by slots. A shift isn't a motion. Rays can hit the
@@ -275,20 +288,11 @@ impl InstanceTable {
     /// last transform.
     pub fn shift(&mut self, moved: &[Movement], others: &[u32]) -> Vec<u32> {
         self.changed.extend(moved.iter().map(|moved| moved.slot));
-        // Each chunk has a part of the table for itself.
-        let mut parts = Vec::new();
-        let (mut rest, mut first) = (self.data.as_mut_slice(), 0);
-        for moved in moved.chunks(SHIFTED_BY_A_TASK) {
-            let end = moved.last().map_or(first, |last| last.slot as usize + 1);
-            let (part, after) = rest.split_at_mut((end - first).min(rest.len()));
-            parts.push((moved, first, part));
-            (rest, first) = (after, end);
-        }
-        let shift = |(moved, first, part): (&[Movement], usize, &mut [GpuInstance])| {
+        let shift = |(moved, first, rows): Part<Movement, GpuInstance>| {
             let mut lost = Vec::new();
             let shifted = moved.iter().filter(|moved| others.binary_search(&moved.slot).is_err());
             for moved in shifted {
-                let (data, place) = (&mut part[moved.slot as usize - first], moved.place());
+                let (data, place) = (&mut rows[moved.slot as usize - first], moved.place());
                 if move_inverse(&mut data.object_from_world, place.into()) {
                     for (row, place) in data.world_from_object.iter_mut().zip(place.to_array()) {
                         row[3] = place;
@@ -299,7 +303,7 @@ impl InstanceTable {
             }
             lost
         };
-        in_parallel(parts, shift).concat()
+        joined(in_parallel(parts(moved, |moved| moved.slot, &mut self.data), shift))
     }
 
     /// The rows from world to object of a slot.
@@ -339,7 +343,7 @@ impl InstanceTable {
         })
     }
 
-    /// Marks the object as deforming in this frame, after [`Self::set`] and [`Self::set_matrices`]. `knows_motions` is true if its geometry
+    /// Marks the object as deforming in this frame, after [`Self::set`] and [`Self::move_objects`]. `knows_motions` is true if its geometry
     /// has the motion of each vertex.
     pub fn mark_posed(&mut self, slot: u32, knows_motions: bool) -> Change {
         // The place of a replaced object in the last frame is unknown.
@@ -360,19 +364,18 @@ impl InstanceTable {
 
     /// Marks the object as moving in this frame. If it hadn't moved lately, views might have seen it unmarked at its old position.
     fn mark_moving(&mut self, slot: u32, motion: [u32; 2]) -> Change {
-        let data = &mut self.data[slot as usize];
-        let was_restless = data.flags & INSTANCE_RESTLESS != 0;
-        data.flags |= INSTANCE_MOVING | INSTANCE_RESTLESS;
+        let index = slot as usize;
+        let marks = mark(&mut self.data[index], &mut self.moved[index], self.frame, motion);
+        self.list(slot, marks)
+    }
+
+    /// Lists an object that was marked as moving.
+    fn list(&mut self, slot: u32, marks: Marks) -> Change {
         self.changed.push(slot);
-        let is_first = core::mem::replace(&mut self.moved[slot as usize], self.frame) != self.frame;
-        if is_first {
+        if marks.is_first {
             self.moving.push(slot);
         }
-        if data.lightmap == NO_TEXTURE {
-            // After two motions in one frame, neither is the motion since the last frame.
-            data.lightmap_rect_or_motion = if is_first { motion } else { [UNKNOWN_MOTION, 0] };
-        }
-        if was_restless {
+        if marks.was_restless {
             return Change::Marked;
         }
         self.restless.push(slot);
@@ -416,16 +419,71 @@ impl InstanceTable {
     }
 }
 
+/// Sorted elements, and the rows of a table for their slots, which begin at this index.
+type Part<'a, T, R> = (&'a [T], usize, &'a mut [R]);
+
+/// Divides a table among tasks, by sorted elements.
+fn parts<'a, T, R>(sorted: &'a [T], slot_of: impl Fn(&T) -> u32, table: &'a mut [R]) -> Vec<Part<'a, T, R>> {
+    let (mut rest, mut first) = (table, 0);
+    let chunks = sorted.chunks(OBJECTS_OF_A_TASK).map(|chunk| {
+        let end = chunk.last().map_or(first, |last| slot_of(last) as usize + 1);
+        let len = rest.len();
+        let (rows, after) = core::mem::take(&mut rest).split_at_mut((end - first).min(len));
+        rest = after;
+        (chunk, core::mem::replace(&mut first, end), rows)
+    });
+    chunks.collect()
+}
+
+/// The state of an object before it was marked as moving.
+#[derive(Clone, Copy)]
+struct Marks {
+    /// It wasn't marked in this frame before.
+    is_first: bool,
+    /// It had moved lately.
+    was_restless: bool,
+}
+
+/// Marks an object as moving in this frame. `moved` is the frame in which it moved last.
+fn mark(data: &mut GpuInstance, moved: &mut u32, frame: u32, motion: [u32; 2]) -> Marks {
+    let marks = Marks {
+        is_first: core::mem::replace(moved, frame) != frame,
+        was_restless: data.flags & INSTANCE_RESTLESS != 0,
+    };
+    data.flags |= INSTANCE_MOVING | INSTANCE_RESTLESS;
+    if data.lightmap == NO_TEXTURE {
+        // After two motions in one frame, neither is the motion since the last frame.
+        data.lightmap_rect_or_motion = if marks.is_first { motion } else { [UNKNOWN_MOTION, 0] };
+    }
+    marks
+}
+
+/// Replaces the transform of an object. Returns its motion, or `None` if more than the matrices would change.
+fn replace_matrices(data: &mut GpuInstance, matrices: &Matrices) -> Option<[u32; 2]> {
+    if matrices.mirrored != (data.flags & INSTANCE_MIRRORED != 0) {
+        return None;
+    }
+    let [now, before] = [&matrices.world_from_object, &data.world_from_object];
+    let motion = if data.lightmap == NO_TEXTURE {
+        pack_motion(now, before, &matrices.object_from_world)
+    } else {
+        [UNKNOWN_MOTION, 0]
+    };
+    data.world_from_object = matrices.world_from_object;
+    data.object_from_world = matrices.object_from_world;
+    Some(motion)
+}
+
 /// The transform of an object, in the shaders' layout.
-pub(in crate::scene) struct Matrices {
-    pub world_from_object: [[f32; 4]; 3],
-    pub object_from_world: [[f32; 4]; 3],
+struct Matrices {
+    world_from_object: [[f32; 4]; 3],
+    object_from_world: [[f32; 4]; 3],
     mirrored: bool,
 }
 
 impl Matrices {
     /// Returns `None` if the transform isn't finite or can't be inverted. Bevy doesn't draw such an object either.
-    pub fn of(world_from_object: &Affine3A) -> Option<Self> {
+    fn of(world_from_object: &Affine3A) -> Option<Self> {
         let Inverse {
             rows: object_from_world,
             mirrored,
@@ -473,207 +531,4 @@ pub(in crate::scene) fn pack_instance(
         lightmap: NO_TEXTURE,
         lightmap_rect_or_motion: source.lightmap.as_ref().map_or([0; 2], |lightmap| lightmap.rect),
     })
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::scene::test_gpu;
-    use bevy::math::Vec3;
-
-    fn at(x: f32) -> Matrices {
-        Matrices::of(&Affine3A::from_translation(Vec3::X * x)).unwrap()
-    }
-
-    fn object(x: f32, lightmap: u32, rect: [u32; 2]) -> Option<GpuInstance> {
-        let Matrices {
-            world_from_object,
-            object_from_world,
-            ..
-        } = at(x);
-        Some(GpuInstance {
-            world_from_object,
-            object_from_world,
-            lightmap,
-            lightmap_rect_or_motion: rect,
-            ..Default::default()
-        })
-    }
-
-    #[test]
-    fn shifts_of_the_world_are_no_motion() {
-        let Some((device, _)) = test_gpu::device() else {
-            return;
-        };
-        let mut table = InstanceTable::new(&device);
-        table.reserve(2, &device);
-        for slot in [0, 1] {
-            assert!(table.set(slot, object(0.0, NO_TEXTURE, [0; 2])));
-        }
-        table.settle();
-        // The first one is shifted by 64 m, the second one also moves by 1 m.
-        let place = |x: f32| Affine3A::from_translation(Vec3::X * x);
-        assert!(
-            table
-                .shift(&[Movement::new(0, &place(0.0), &place(64.0))], &[])
-                .is_empty()
-        );
-        assert_eq!(table.object_from_world(0), &at(64.0).object_from_world);
-        table.carry(1, Vec3A::X * 64.0);
-        table.set_matrices(1, &at(65.0));
-        table.settle();
-        let motion = |slot: usize| table.data[slot].lightmap_rect_or_motion;
-        let of = |before: f32, now: f32| {
-            let [before, now] = [before, now].map(at);
-            pack_motion(
-                &now.world_from_object,
-                &before.world_from_object,
-                &now.object_from_world,
-            )
-        };
-        assert_eq!(table.flags(0) & (INSTANCE_MOVING | INSTANCE_RESTLESS), 0);
-        assert_eq!(motion(1), of(64.0, 65.0));
-        assert_ne!(motion(1), of(0.0, 65.0));
-    }
-
-    /// More objects than one task shifts. Every third rests, every seventh moves on its own, and one ends too far away.
-    #[test]
-    fn many_objects_are_shifted_together() {
-        let Some((device, _)) = test_gpu::device() else {
-            return;
-        };
-        let count = 3 * SHIFTED_BY_A_TASK as u32;
-        let mut table = InstanceTable::new(&device);
-        table.reserve(count as usize, &device);
-        for slot in 0..count {
-            table.set(slot, object(slot as f32, NO_TEXTURE, [0; 2]));
-        }
-        let moves = |slot: &u32| !slot.is_multiple_of(3);
-        let is_shifted = |slot: &u32| moves(slot) && !slot.is_multiple_of(7);
-        let place = |x: f32| Affine3A::from_translation(Vec3::X * x);
-        let far = Affine3A::from_translation(Vec3::splat(f32::MAX));
-        let moved = (0..count).filter(moves).map(|slot| {
-            let x = slot as f32;
-            let to = if slot == 4 { far } else { place(x + 0.5) };
-            Movement::new(slot, &place(x), &to)
-        });
-        let moved: Vec<Movement> = moved.collect();
-        let others: Vec<u32> = (0..count).filter(|slot| moves(slot) && !is_shifted(slot)).collect();
-        assert_eq!(table.shift(&moved, &others), [4]);
-        for slot in (0..count).filter(|slot| *slot != 4) {
-            let x = slot as f32 + if is_shifted(&slot) { 0.5 } else { 0.0 };
-            let expected = at(x);
-            assert_eq!(table.place(slot), Some(&expected.world_from_object), "slot {slot}");
-            assert_eq!(
-                table.object_from_world(slot),
-                &expected.object_from_world,
-                "slot {slot}"
-            );
-        }
-        let shifted = || (0..count).filter(is_shifted);
-        let rest = table.present_besides(shifted(), shifted().count());
-        assert!(rest.eq((0..count).filter(|slot| !is_shifted(slot))));
-        assert_eq!(table.present_besides(0..count, count as usize).count(), 0);
-    }
-
-    #[test]
-    fn motions_are_those_of_one_frame_and_leave_lightmaps_alone() {
-        let Some((device, _)) = test_gpu::device() else {
-            return;
-        };
-        let mut table = InstanceTable::new(&device);
-        table.reserve(2, &device);
-        let rect = [7, 8];
-        assert!(table.set(0, object(0.0, NO_TEXTURE, [0; 2])) && table.set(1, object(0.0, 3, rect)));
-        table.settle();
-        assert!(!table.knows_motions());
-        for slot in [0, 1] {
-            table.set_matrices(slot, &at(1.0));
-        }
-        table.settle();
-        let motion = |table: &InstanceTable, slot: usize| table.data[slot].lightmap_rect_or_motion;
-        assert!(table.knows_motions() && motion(&table, 0)[0] != UNKNOWN_MOTION);
-        assert_eq!(motion(&table, 1), rect, "its part of the lightmap");
-        // A motion doesn't count as a change of the object.
-        assert!(!table.set(0, object(1.0, NO_TEXTURE, [0; 2])));
-        assert!(!table.set(1, object(1.0, 3, rect)));
-        table.settle();
-        assert!(
-            !table.knows_motions() && table.flags(0) & INSTANCE_MOVING == 0,
-            "at rest"
-        );
-        // The first pose of a copy.
-        table.set_matrices(0, &at(2.0));
-        table.mark_posed(0, false);
-        table.settle();
-        assert!(motion(&table, 0)[0] == UNKNOWN_MOTION && !table.knows_motions());
-    }
-
-    #[test]
-    fn objects_that_are_replaced_while_they_move_are_listed_once() {
-        let Some((device, _)) = test_gpu::device() else {
-            return;
-        };
-        let mut table = InstanceTable::new(&device);
-        table.reserve(1, &device);
-        table.set(0, object(0.0, NO_TEXTURE, [0; 2]));
-        for frame in 1..200 {
-            let x = frame as f32;
-            table.set_matrices(0, &at(x));
-            // A light that blinks: another material in each frame.
-            let material = frame % 2;
-            table.set(
-                0,
-                object(x, NO_TEXTURE, [0; 2]).map(|object| GpuInstance { material, ..object }),
-            );
-            table.settle();
-        }
-        let most = table.len() + RESTLESS_FRAMES as usize;
-        assert!(table.restless.len() <= most, "{} entries", table.restless.len());
-    }
-
-    #[test]
-    fn vertices_move_with_their_object() {
-        let Some((device, _)) = test_gpu::device() else {
-            return;
-        };
-        let mut table = InstanceTable::new(&device);
-        table.reserve(1, &device);
-        assert!(table.set(0, object(0.0, NO_TEXTURE, [0; 2])));
-        table.settle();
-        let motion = |table: &InstanceTable| table.data[0].lightmap_rect_or_motion;
-        let posed = |[translation, turn]: [u32; 2]| [translation, turn | POSED_MOTION];
-        let rest = [pack_vector(Vec3::ZERO); 2];
-        table.mark_posed(0, true);
-        table.settle();
-        assert!(table.knows_motions());
-        assert_eq!(motion(&table), posed(rest));
-        table.set_matrices(0, &at(1.0));
-        let moved = motion(&table);
-        table.mark_posed(0, true);
-        table.settle();
-        assert_eq!(moved[1] & POSED_MOTION, 0, "it keeps its pose");
-        assert_ne!(moved, rest);
-        assert_eq!(motion(&table), posed(moved), "both");
-        table.mark_posed(0, true);
-        table.settle();
-        table.settle();
-        assert_eq!(table.flags(0) & INSTANCE_MOVING, 0, "at rest");
-        // Another object takes its place, and moves on.
-        assert!(table.set(0, object(5.0, NO_TEXTURE, [0; 2])));
-        table.mark_posed(0, true);
-        table.settle();
-        assert_eq!(motion(&table)[0], UNKNOWN_MOTION);
-        table.set_matrices(0, &at(6.0));
-        assert!(table.set(0, object(7.0, NO_TEXTURE, [0; 2])));
-        table.mark_posed(0, true);
-        table.settle();
-        assert_ne!(table.flags(0) & INSTANCE_MOVING, 0);
-        assert_eq!(motion(&table)[0], UNKNOWN_MOTION);
-        table.set(0, object(1.0, NO_TEXTURE, [0; 2]));
-        table.settle();
-        // A pose doesn't count as a change of the object.
-        table.mark_posed(0, true);
-        assert!(!table.set(0, object(1.0, NO_TEXTURE, [0; 2])));
-    }
 }

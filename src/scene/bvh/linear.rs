@@ -52,6 +52,11 @@ pub struct LinearEntry {
 impl LinearEntry {
     /// Returns `None` if rays can't hit the instance.
     pub fn new(instance: &TlasInstance) -> Option<Self> {
+        Self::with_inverse(instance, &inverse_rows(&instance.world_from_object)?)
+    }
+
+    /// The same, if the rows of the inverse matrix are known.
+    pub fn with_inverse(instance: &TlasInstance, object_from_world: &[[f32; 4]; 3]) -> Option<Self> {
         Some(Self {
             bounds: world_bounds(&instance.world_from_object, &instance.bounds)?,
             object_bounds: instance.bounds,
@@ -61,7 +66,7 @@ impl LinearEntry {
                 instance.first_node,
                 instance.first_triangle,
             ],
-            matrix: bytemuck::cast(inverse_rows(&instance.world_from_object)?),
+            matrix: bytemuck::cast(*object_from_world),
             groups: instance.groups,
         })
     }
@@ -80,6 +85,15 @@ impl LinearEntries {
         self.words.push(entry.words);
         self.matrices.push(entry.matrix);
         self.groups.push(entry.groups);
+    }
+
+    /// Makes room for this number of further instances.
+    pub fn reserve(&mut self, more: usize) {
+        self.bounds.reserve(more);
+        self.object_bounds.reserve(more);
+        self.words.reserve(more);
+        self.matrices.reserve(more);
+        self.groups.reserve(more);
     }
 
     /// Replaces an instance.

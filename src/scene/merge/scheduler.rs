@@ -13,9 +13,9 @@ mod plan;
 mod shift;
 
 use crate::scene::{bvh::Bounds, free_slots::shrink, waiting_room::WaitingRoom};
-use bevy::{asset::AssetId, ecs::entity::Entity, math::Vec3A, mesh::Mesh};
+use bevy::{asset::AssetId, ecs::entity::Entity, math::Vec3A, mesh::Mesh, platform::collections::HashSet};
 use core::cmp::Reverse;
-use std::collections::{BTreeMap, BTreeSet, BinaryHeap};
+use std::collections::{BTreeMap, BinaryHeap};
 
 /// Maximum number of doublings of waiting times.
 const MAX_DOUBLINGS: u32 = 14;
@@ -65,7 +65,7 @@ pub(in crate::scene) struct Placement {
 pub(super) struct Extent {
     /// Triangles.
     pub triangles: u64,
-    /// Centre of the world-space box. In the scheduler's slots, without all shifts so far.
+    /// Centre of the world-space box.
     pub centre: Vec3A,
 }
 
@@ -99,11 +99,12 @@ enum State {
     Excluded,
 }
 
+/// The state of a slot. Objects that begin to move touch only this table, so [`Details`] are stored apart.
 #[derive(Default)]
 struct Slot {
-    placement: Option<Placement>,
-    extent: Extent,
     state: State,
+    /// [`Details::placement`] is `Some`.
+    present: bool,
     /// Part of the tree that is being built.
     building: bool,
     /// Is in `MergeScheduler::settling`.
@@ -114,8 +115,29 @@ struct Slot {
     due: u64,
     /// Number of changes while it was at rest.
     disturbances: u32,
+    /// [`Extent::triangles`].
+    triangles: u64,
+}
+
+/// What merging needs of a slot's object.
+#[derive(Default)]
+struct Details {
+    placement: Option<Placement>,
+    /// [`Extent::centre`] without all shifts so far.
+    centre: Vec3A,
     /// The last object in this slot.
     entity: Option<Entity>,
+}
+
+/// A change of an object.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Disturbance {
+    /// Only its micromaps are new: it is still at rest.
+    Micromaps,
+    /// It moved, changed or vanished.
+    Change,
+    /// It is another object.
+    Replacement,
 }
 
 impl Slot {
@@ -161,12 +183,13 @@ struct Building {
 pub(super) struct MergeScheduler {
     limits: Limits,
     slots: Vec<Slot>,
+    details: Vec<Details>,
     /// For each slot that is only waiting to be at rest, the frame of its last change; else 0. Movement updates nothing else: the object's
     /// new place only matters once it is at rest.
     moved: Vec<u64>,
     /// Slots that are waiting to be at rest, with a frame before which they can't be.
     settling: BinaryHeap<Reverse<(u64, u32)>>,
-    resting: BTreeSet<u32>,
+    resting: HashSet<u32>,
     chunks: BTreeMap<u32, Chunk>,
     next_chunk: u32,
     building: Option<Building>,
@@ -210,9 +233,10 @@ impl MergeScheduler {
         Self {
             limits,
             slots: Vec::new(),
+            details: Vec::new(),
             moved: Vec::new(),
             settling: BinaryHeap::new(),
-            resting: BTreeSet::new(),
+            resting: HashSet::default(),
             chunks: BTreeMap::new(),
             next_chunk: 0,
             building: None,
@@ -243,19 +267,32 @@ impl MergeScheduler {
                 return;
             }
             self.slots.resize_with(index + 1, Slot::default);
+            self.details.resize_with(index + 1, Details::default);
             self.moved.resize(index + 1, 0);
         }
-        if self.slots[index].placement != placement || (moved && placement.is_some()) {
-            self.disturb(slot, placement, moved);
+        let details = &mut self.details[index];
+        let before = core::mem::replace(&mut details.placement, placement);
+        if before == placement && !(moved && placement.is_some()) {
+            return;
         }
+        let entity = placement.map(|placement| placement.entity);
+        let is_other = entity.is_some_and(|entity| details.entity.replace(entity) != Some(entity));
+        self.slots[index].present = placement.is_some();
+        let disturbance = if !moved && gains_micromaps(before, placement) {
+            Disturbance::Micromaps
+        } else if is_other {
+            Disturbance::Replacement
+        } else {
+            Disturbance::Change
+        };
+        self.disturb(slot, disturbance);
     }
 
     /// The object of a slot has changed.
-    fn disturb(&mut self, slot: u32, placement: Option<Placement>, moved: bool) {
+    fn disturb(&mut self, slot: u32, disturbance: Disturbance) {
         let index = slot as usize;
-        let before = self.slots[index].placement;
         let state = self.slots[index].state;
-        let only_gains = !moved && gains_micromaps(before, placement);
+        let only_gains = disturbance == Disturbance::Micromaps;
         if let State::Merged(chunk) = state
             && (only_gains || !self.cut_out(slot, chunk))
         {
@@ -267,7 +304,6 @@ impl MergeScheduler {
             building.stale = true;
         }
         if only_gains {
-            self.slots[index].placement = placement;
             return;
         }
         let (frame, quiet) = (self.frame, self.limits.quiet_frames);
@@ -277,44 +313,39 @@ impl MergeScheduler {
             self.wake();
         }
         let place = &mut self.slots[index];
-        if let Some(Placement { entity, .. }) = placement
-            && place.entity.replace(entity) != Some(entity)
-        {
+        if disturbance == Disturbance::Replacement {
             place.disturbances = place.disturbances.min(INHERITED_DISTURBANCES);
         }
-        place.placement = placement;
         place.state = State::Restless;
         place.changed = frame;
         place.due = frame + waiting_time(quiet, place.disturbances);
-        if placement.is_some() && !place.queued {
+        if place.present && !place.queued {
             place.queued = true;
             self.settling.push(Reverse((place.due, slot)));
         }
-        let only_waits = placement.is_some() && !place.building;
+        let only_waits = place.present && !place.building;
         self.moved[index] = if only_waits { frame } else { 0 };
     }
 
     /// Records that the object of a slot has only moved.
     pub fn observe_move(&mut self, slot: u32) {
         match self.moved.get_mut(slot as usize) {
-            None => {}
-            Some(0) => self.observe(slot, self.slots[slot as usize].placement, true),
+            Some(0) if self.slots[slot as usize].present => self.disturb(slot, Disturbance::Change),
+            None | Some(0) => {}
             Some(moved) => *moved = self.frame,
         }
     }
 
     /// Sets the number of slots. Later slots must be empty.
     pub fn truncate(&mut self, slots: usize) {
-        while self.slots.len() > slots
-            && self
-                .slots
-                .last()
-                .is_some_and(|slot| slot.placement.is_none() && !slot.building)
-        {
+        while self.slots.len() > slots && self.slots.last().is_some_and(|slot| !slot.present && !slot.building) {
             self.slots.pop();
         }
+        self.details.truncate(self.slots.len());
         self.moved.truncate(self.slots.len());
         shrink(&mut self.slots);
+        shrink(&mut self.details);
+        self.resting.shrink_to(2 * self.slots.len());
         shrink(&mut self.moved);
     }
 
@@ -350,20 +381,20 @@ impl MergeScheduler {
                 place.changed = *moved;
                 place.due = *moved + waiting_time(self.limits.quiet_frames, place.disturbances);
             }
-            if place.placement.is_some() && place.due > self.frame {
+            if place.present && place.due > self.frame {
                 self.settling.push(Reverse((place.due, slot)));
                 continue;
             }
             place.queued = false;
             *moved = 0;
-            let extent = place
-                .placement
-                .as_ref()
+            let details = &mut self.details[slot as usize];
+            let placement = details.placement.as_ref();
+            let extent = placement
                 .and_then(|placement| measure(slot, placement))
                 .filter(|extent| extent.triangles <= self.limits.chunk_triangles);
             if let Some(Extent { triangles, centre }) = extent {
-                let centre = centre - self.origin;
-                place.extent = Extent { triangles, centre };
+                details.centre = centre - self.origin;
+                place.triangles = triangles;
                 place.state = State::Resting;
                 self.resting.insert(slot);
                 self.wake();
@@ -502,7 +533,7 @@ impl MergeScheduler {
             };
             // The frame of the last change, read from the smaller table if possible.
             let changed = if moved > 0 { moved } else { place.changed };
-            (moved > 0 || place.placement.is_some()) && changed + 1 < self.frame
+            (moved > 0 || place.present) && changed + 1 < self.frame
         };
         !self.is_exhausted()
             && (self.building.is_some()

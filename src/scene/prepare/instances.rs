@@ -4,7 +4,7 @@
 use crate::{
     device::ReflectionTracer,
     scene::{
-        bind_group::{Matrices, SceneBindings, pack_instance},
+        bind_group::{SceneBindings, pack_instance},
         bvh::TRAVERSAL_FLAGS,
         change::Change,
         gpu_types::{GpuInstance, INSTANCE_ALPHA_MASKED, INSTANCE_CULL_BACK, INSTANCE_CULL_FRONT},
@@ -13,36 +13,40 @@ use crate::{
         materials::{MaterialAssets, MaterialTable, instance_flags, is_traced},
         merge::Placement,
         meshes::SceneMeshes,
-        top_level::Object,
     },
 };
 use bevy::{mesh::UvChannel, render::renderer::RenderQueue};
-use std::sync::Arc;
 
 impl SceneBindings {
-    /// Updates objects that have only moved. If a movement requires more than new matrices, its slot is added to `dirty`. Returns the
-    /// change for rays.
+    /// Updates objects that have only moved; their slots are sorted. If a movement requires more than new matrices, its slot is added to
+    /// `dirty`. Returns the change for rays.
     pub(super) fn move_instances(&mut self, moved: &[u32], instances: &SceneInstances, dirty: &mut Vec<u32>) -> Change {
+        let is_bvh = self.tracer == ReflectionTracer::Bvh;
+        let place_of = |slot| instances.place_of(slot);
+        let merge = &mut self.merge;
+        let observe = || {
+            for slot in moved.iter().filter(|_| is_bvh) {
+                merge.observe_move(*slot);
+            }
+        };
         let mut all = Change::Nothing;
-        for &slot in moved {
-            match self.move_instance(slot, instances) {
-                Some(change) => all = all.max(change),
-                None => dirty.push(slot),
+        for (slot, change) in self.instances.move_objects(moved, place_of, observe) {
+            let Some(change) = change else {
+                dirty.push(slot);
+                continue;
+            };
+            all = all.max(change);
+            // Objects that were merged until now enter it later.
+            if is_bvh
+                && self.top_level.holds(slot)
+                && let Some(source) = instances.get(slot)
+            {
+                let object_from_world = self.instances.object_from_world(slot);
+                self.top_level
+                    .set_transform(slot, &source.world_from_object, object_from_world);
             }
         }
         all
-    }
-
-    /// Returns `None` if the movement requires more than new matrices.
-    fn move_instance(&mut self, slot: u32, instances: &SceneInstances) -> Option<Change> {
-        let place = &instances.get(slot)?.world_from_object;
-        let matrices = Matrices::of(place)?;
-        let change = self.instances.set_matrices(slot, &matrices)?;
-        if self.tracer == ReflectionTracer::Bvh {
-            self.merge.observe_move(slot);
-            self.top_level.set_transform(slot, place, &matrices.object_from_world);
-        }
-        Some(change)
     }
 
     /// Updates objects that might have changed in any way. Returns the change for rays.
@@ -145,35 +149,10 @@ impl SceneBindings {
 
     /// Adds an object to the top level, or removes it.
     fn update_object(&mut self, slot: u32, instance: Option<(&GpuInstance, &InstanceSource)>, meshes: &SceneMeshes) {
-        let object = instance
-            .filter(|_| self.instances.has_room(slot))
-            .and_then(|(packed, source)| self.object(source, slot, packed.flags, meshes));
-        match object {
-            Some(object) => self.top_level.set(slot, object),
-            None => self.top_level.remove(slot),
-        }
-    }
-
-    /// Returns an object for the top level, in its pose. Returns `None` if the mesh has no tree.
-    pub(super) fn object(
-        &self,
-        source: &InstanceSource,
-        slot: u32,
-        flags: u32,
-        meshes: &SceneMeshes,
-    ) -> Option<Object> {
-        let object = Object::new(source, slot, flags, meshes)?;
-        let Some(posed) = self.poses.tree(slot) else {
-            return Some(object);
-        };
-        Some(Object {
-            bounds: posed.bounds,
-            first_node: posed.first_node,
-            first_triangle: posed.first_triangle,
-            // Empty, since the mesh's top nodes have the bounds of the bind pose.
-            top: Arc::default(),
-            ..object
-        })
+        let source = instance.map(|(_, source)| source);
+        let source = source.filter(|_| self.instances.has_room(slot));
+        let entry = source.and_then(|source| self.tables().entry(source, slot, meshes));
+        self.top_level.set(slot, entry);
     }
 
     /// Updates posed objects. Returns the change for rays.
@@ -184,10 +163,9 @@ impl SceneBindings {
                 continue;
             };
             change = change.max(self.instances.mark_posed(slot, self.poses.knows_motions(slot)));
-            if self.tracer == ReflectionTracer::Bvh
-                && let Some(object) = self.object(source, slot, self.instances.flags(slot), meshes)
-            {
-                self.top_level.set(slot, object);
+            if self.tracer == ReflectionTracer::Bvh {
+                let entry = self.tables().entry(source, slot, meshes);
+                self.top_level.set(slot, entry);
             }
         }
         change

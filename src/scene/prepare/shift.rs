@@ -86,7 +86,7 @@ impl SceneBindings {
         self.origin += self.shift.as_dvec3();
     }
 
-    /// Shifts all objects that moved with the world. Returns the slots of the others among those that moved.
+    /// Shifts all objects that moved with the world. Returns the sorted slots of the others among those that moved.
     pub(super) fn shift_all(&mut self, shift: WorldShift, moved: &[Movement], instances: &SceneInstances) -> Vec<u32> {
         let WorldShift { by, mut others } = shift;
         let lost = self.instances.shift(moved, &others);
@@ -110,6 +110,7 @@ impl SceneBindings {
             }
         }
         others.extend(lost);
+        others.sort_unstable();
         // Their own movement is what is left.
         for slot in &others {
             self.instances.carry(*slot, by);

@@ -3,9 +3,13 @@
 use crate::{
     scene::{
         acceleration::{BlasKey, RayQueryInstance, RayQueryObjects},
-        bind_group::SceneBindings,
-        instances::SceneInstances,
+        bind_group::{InstanceTable, SceneBindings},
+        bvh::{LinearEntry, TlasInstance, owner},
+        in_parallel::{OBJECTS_OF_A_TASK, in_parallel},
+        instances::{InstanceSource, SceneInstances},
         meshes::SceneMeshes,
+        pose::{PosedTree, Poses},
+        top_level::Object,
     },
     status::ReflectionStatus,
 };
@@ -14,6 +18,7 @@ use bevy::{
     platform::time::Instant,
     render::renderer::{RenderDevice, RenderQueue},
 };
+use std::sync::Arc;
 use wgpu::CommandBuffer;
 
 impl SceneBindings {
@@ -84,14 +89,11 @@ impl SceneBindings {
     ) {
         let begin = Instant::now();
         self.follow_merging(instances, meshes);
-        let merge = &self.merge;
         self.top_level.truncate(instances.slots().len());
-        self.top_level.advance(
-            |slot| merge.is_merged(slot),
-            |slot| instances.place_of(slot),
-            meshes,
-            queue,
-        );
+        let (merge, tables) = (&self.merge, ObjectTables::of(&self.instances, &self.poses));
+        let object_of = |slot: u32, meshes: &SceneMeshes| tables.object(instances.get(slot)?, slot, meshes);
+        self.top_level
+            .advance(|slot| merge.is_merged(slot), object_of, meshes, queue);
         self.follow_lost_trees(instances, meshes);
         if self.top_level.is_changed() {
             self.upload_bvh_top_level(instances, meshes, queue);
@@ -106,10 +108,14 @@ impl SceneBindings {
 
     /// Uploads the trees over instances, and records the features that shaders need for them.
     fn upload_bvh_top_level(&mut self, instances: &SceneInstances, meshes: &mut SceneMeshes, queue: &RenderQueue) {
-        let place_of = |slot| instances.place_of(slot);
-        self.top_level.upload(self.merge.instances(), place_of, meshes, queue);
+        let upload = |this: &mut Self, meshes: &mut SceneMeshes| {
+            let tables = ObjectTables::of(&this.instances, &this.poses);
+            let object_of = |slot: u32, meshes: &SceneMeshes| tables.object(instances.get(slot)?, slot, meshes);
+            this.top_level.upload(this.merge.instances(), object_of, meshes, queue);
+        };
+        upload(self, meshes);
         if self.follow_lost_trees(instances, meshes) {
-            self.top_level.upload(self.merge.instances(), place_of, meshes, queue);
+            upload(self, meshes);
         }
         let head = self.top_level.head();
         self.set_tree_features(self.instances.masked_count() > 0, head.is_deep);
@@ -134,19 +140,32 @@ impl SceneBindings {
         });
     }
 
+    /// The tables of objects.
+    pub(super) fn tables(&self) -> ObjectTables<'_> {
+        ObjectTables::of(&self.instances, &self.poses)
+    }
+
     /// Removes objects from the other trees after they joined a merged tree, and vice versa.
     fn follow_merging(&mut self, instances: &SceneInstances, meshes: &SceneMeshes) {
-        for slot in self.merge.take_crossed() {
-            if self.merge.is_merged(slot) {
-                self.top_level.merge(slot);
-            } else if !self.top_level.holds(slot)
-                && self.instances.can_be_hit(slot)
-                && let Some(object) = instances
-                    .get(slot)
-                    .and_then(|source| self.object(source, slot, self.instances.flags(slot), meshes))
-            {
-                self.top_level.set(slot, object);
+        let mut left = self.merge.take_crossed();
+        left.retain(|slot| {
+            let is_merged = self.merge.is_merged(*slot);
+            if is_merged {
+                self.top_level.merge(*slot);
             }
+            !is_merged && !self.top_level.holds(*slot) && self.instances.can_be_hit(*slot)
+        });
+        let tables = self.tables();
+        let enter = |slots: &[u32]| {
+            let mut entries = Vec::with_capacity(slots.len());
+            let entry = |slot: u32| Some((slot, tables.entry(instances.get(slot)?, slot, meshes)?));
+            entries.extend(slots.iter().filter_map(|slot| entry(*slot)));
+            entries
+        };
+        let entries = in_parallel(left.chunks(OBJECTS_OF_A_TASK).collect(), enter);
+        self.top_level.reserve(left.len());
+        for (slot, entry) in entries.into_iter().flatten() {
+            self.top_level.set(slot, Some(entry));
         }
     }
 
@@ -158,5 +177,52 @@ impl SceneBindings {
             self.follow_merging(instances, meshes);
         }
         lost
+    }
+}
+
+/// What the top level needs of objects, in their poses.
+#[derive(Clone, Copy)]
+pub(super) struct ObjectTables<'a> {
+    table: &'a InstanceTable,
+    poses: &'a Poses,
+}
+
+impl<'a> ObjectTables<'a> {
+    fn of(table: &'a InstanceTable, poses: &'a Poses) -> Self {
+        Self { table, poses }
+    }
+
+    /// The object of a slot. Returns `None` if its mesh has no tree.
+    fn object(&self, source: &InstanceSource, slot: u32, meshes: &SceneMeshes) -> Option<Object> {
+        let instance = self.instance(source, slot, meshes)?;
+        let is_posed = self.poses.tree(slot).is_some();
+        // The mesh's top nodes have the bounds of the bind pose.
+        let top = meshes.get(source.mesh)?.bvh.as_ref().filter(|_| !is_posed);
+        let top = top.map_or_else(Arc::default, |blas| blas.top.clone());
+        Some(Object::new(&instance, top))
+    }
+
+    /// The same for the tree of moving objects. Returns `None` if rays can't hit it.
+    pub fn entry(&self, source: &InstanceSource, slot: u32, meshes: &SceneMeshes) -> Option<LinearEntry> {
+        let instance = self.instance(source, slot, meshes)?;
+        LinearEntry::with_inverse(&instance, self.table.object_from_world(slot))
+    }
+
+    fn instance(&self, source: &InstanceSource, slot: u32, meshes: &SceneMeshes) -> Option<TlasInstance<'static>> {
+        let blas = meshes.get(source.mesh)?.bvh.as_ref()?;
+        let tree = self.poses.tree(slot).unwrap_or(PosedTree {
+            first_node: blas.first_node,
+            first_triangle: blas.first_triangle,
+            bounds: blas.bounds,
+        });
+        Some(TlasInstance {
+            world_from_object: source.world_from_object,
+            bounds: tree.bounds,
+            instance: owner(slot, self.table.flags(slot)),
+            first_node: tree.first_node,
+            first_triangle: tree.first_triangle,
+            top: &[],
+            groups: blas.groups,
+        })
     }
 }

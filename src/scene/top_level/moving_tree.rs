@@ -13,23 +13,13 @@ const FEW: usize = 64;
 /// Minimum capacity of the tree, in items.
 const SMALLEST_ROOM: usize = 1 << 9;
 
-/// An object of the moving tree.
-pub(super) struct Mover {
-    pub slot: u32,
-    /// Frame of its last change.
-    pub changed: u64,
-    pub object: Object,
-}
-
-/// The tree in the buffer and its objects, by index. Data that changes with movements is stored together.
+/// The tree in the buffer and its objects, by index.
 #[derive(Default)]
 pub(super) struct MovingTree {
     slots: Vec<u32>,
     /// Frames of the objects' last changes.
     changed: Vec<u64>,
-    /// The objects, with the transforms of their last change other than movement.
-    objects: Vec<Object>,
-    /// Their current state in the layout of [`LinearBuilder`].
+    /// The objects in the layout of [`LinearBuilder`].
     entries: LinearEntries,
     builder: LinearBuilder,
     /// The last tree that was built for quality.
@@ -48,35 +38,25 @@ impl MovingTree {
         &self.changed
     }
 
-    /// The object at an index, with its current transform.
-    pub fn mover(&self, index: u32, place_of: &impl Fn(u32) -> Option<Affine3A>) -> Mover {
-        let index = index as usize;
-        let slot = self.slots[index];
-        let mut object = self.objects[index].clone();
-        object.world_from_object = place_of(slot).unwrap_or(object.world_from_object);
-        Mover {
-            slot,
-            changed: self.changed[index],
-            object,
-        }
+    /// Makes room for this number of further objects.
+    pub fn reserve(&mut self, more: usize) {
+        self.slots.reserve(more);
+        self.changed.reserve(more);
+        self.entries.reserve(more);
     }
 
-    /// Adds an object and returns its index. `entry` is the object in the layout of [`LinearBuilder`].
-    pub fn insert(&mut self, mover: Mover, entry: LinearEntry) -> u32 {
-        self.slots.push(mover.slot);
-        self.changed.push(mover.changed);
-        self.objects.push(mover.object);
+    /// Adds the object of a slot, which changed in this frame, and returns its index.
+    pub fn insert(&mut self, slot: u32, changed: u64, entry: LinearEntry) -> u32 {
+        self.slots.push(slot);
+        self.changed.push(changed);
         self.entries.push(entry);
         self.slots.len() as u32 - 1
     }
 
-    /// Replaces an object.
-    pub fn replace(&mut self, index: u32, mover: Mover, entry: LinearEntry) {
-        let place = index as usize;
-        self.slots[place] = mover.slot;
-        self.changed[place] = mover.changed;
-        self.objects[place] = mover.object;
-        self.entries.replace(place, entry);
+    /// Replaces the object at an index with one that changed in this frame.
+    pub fn replace(&mut self, index: u32, changed: u64, entry: LinearEntry) {
+        self.changed[index as usize] = changed;
+        self.entries.replace(index as usize, entry);
     }
 
     /// Moves an object. Returns false if it can't be in a tree any more.
@@ -98,7 +78,6 @@ impl MovingTree {
         let index = index as usize;
         let removed = self.slots.swap_remove(index);
         self.changed.swap_remove(index);
-        self.objects.swap_remove(index);
         self.entries.swap_remove(index);
         (removed, self.slots.get(index).copied())
     }
@@ -109,29 +88,27 @@ impl MovingTree {
             let from = *from as usize;
             self.slots.swap(to, from);
             self.changed.swap(to, from);
-            self.objects.swap(to, from);
         }
         self.slots.truncate(sorted.len());
         self.changed.truncate(sorted.len());
-        self.objects.truncate(sorted.len());
         self.entries.keep(sorted);
     }
 
     /// Builds the tree over the objects and over merged trees, and uploads it. Returns the tree as it is in the buffer, or `None` if
-    /// it doesn't fit. Merged trees can get lost in the process. `place_of` returns the transform of a slot's object.
+    /// it doesn't fit. Merged trees can get lost in the process. `object_of` returns the object of a slot.
     pub fn upload<'a>(
         &mut self,
         merged: impl Iterator<Item = TlasInstance<'a>>,
-        place_of: &impl Fn(u32) -> Option<Affine3A>,
+        object_of: impl Fn(u32, &SceneMeshes) -> Option<Object>,
         meshes: &mut SceneMeshes,
         queue: &RenderQueue,
     ) -> Option<&Tlas> {
         let slice = &mut self.slice;
         let tlas = if self.slots.len() <= FEW {
-            for (slot, object) in self.slots.iter().zip(&mut self.objects) {
-                object.world_from_object = place_of(*slot).unwrap_or(object.world_from_object);
-            }
-            let tlas = self.careful.insert(build_carefully(&self.objects, merged));
+            let objects = self.slots.iter().filter_map(|slot| object_of(*slot, meshes));
+            let tlas = self
+                .careful
+                .insert(build_carefully(&objects.collect::<Vec<_>>(), merged));
             let base = first_item(slice, tlas.items.len(), meshes)?;
             tlas.relocate(base);
             tlas

@@ -1,10 +1,6 @@
 //! Objects in the trees over instances.
 
-use crate::scene::{
-    bvh::{Bounds, TlasInstance, TopNode, owner},
-    instances::InstanceSource,
-    meshes::SceneMeshes,
-};
+use crate::scene::bvh::{Bounds, TlasInstance, TopNode};
 use bevy::math::Affine3A;
 use std::sync::Arc;
 
@@ -28,18 +24,17 @@ pub(in crate::scene) struct Object {
 }
 
 impl Object {
-    /// Returns `None` if the mesh has no tree.
-    pub fn new(source: &InstanceSource, slot: u32, flags: u32, meshes: &SceneMeshes) -> Option<Self> {
-        let blas = meshes.get(source.mesh)?.bvh.as_ref()?;
-        Some(Self {
-            world_from_object: source.world_from_object,
-            bounds: blas.bounds,
-            owner: owner(slot, flags),
-            first_node: blas.first_node,
-            first_triangle: blas.first_triangle,
-            top: blas.top.clone(),
-            groups: blas.groups,
-        })
+    /// The object of an instance, whose own `top` is ignored. `top` are the nodes of its tree at which rays can start.
+    pub fn new(instance: &TlasInstance, top: Arc<[TopNode]>) -> Self {
+        Self {
+            world_from_object: instance.world_from_object,
+            bounds: instance.bounds,
+            owner: instance.instance,
+            first_node: instance.first_node,
+            first_triangle: instance.first_triangle,
+            top,
+            groups: instance.groups,
+        }
     }
 
     /// The object in the layout of the builders.

@@ -1,7 +1,6 @@
 //! Builds a static tree in a task, and then uploads it in parts.
 
 use super::{
-    moving_tree::Mover,
     object::Object,
     static_tree::{Members, StaticTree, write_items},
 };
@@ -16,6 +15,14 @@ use std::sync::Arc;
 
 /// Items that are uploaded in one frame: a megabyte.
 const UPLOAD_ITEMS_PER_FRAME: usize = 20_000;
+
+/// An object of the moving tree that has settled.
+pub(super) struct Mover {
+    pub slot: u32,
+    /// Frame of its last change.
+    pub changed: u64,
+    pub object: Object,
+}
 
 /// An object that is about to join the static tree.
 pub(super) struct Joining {

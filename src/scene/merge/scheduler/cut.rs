@@ -27,7 +27,7 @@ impl MergeScheduler {
 
     /// Cuts an object out of a chunk. Returns false if the chunk should be rebuilt instead.
     pub(super) fn cut_out(&mut self, slot: u32, id: u32) -> bool {
-        let triangles = self.slots[slot as usize].extent.triangles;
+        let triangles = self.slots[slot as usize].triangles;
         let Some(chunk) = self.chunks.get_mut(&id) else {
             return false;
         };

@@ -77,7 +77,7 @@ impl MergeScheduler {
         }
         let plan: Vec<_> = group
             .iter()
-            .filter_map(|slot| Some((*slot, self.slots[*slot as usize].placement?)))
+            .filter_map(|slot| Some((*slot, self.details[*slot as usize].placement?)))
             .collect();
         self.building = Some(Building {
             members: group,
@@ -90,8 +90,7 @@ impl MergeScheduler {
     }
 
     fn triangles(&self, slots: &[u32]) -> u64 {
-        let extents = slots.iter().map(|slot| &self.slots[*slot as usize].extent);
-        extents.map(|extent| extent.triangles).sum()
+        slots.iter().map(|slot| self.slots[*slot as usize].triangles).sum()
     }
 
     /// The resting objects that fit into the budget, small ones first: rays gain most if many objects are merged.
@@ -100,7 +99,7 @@ impl MergeScheduler {
         let mut sizes: Vec<(u64, u32)> = self
             .resting
             .iter()
-            .map(|slot| (self.slots[*slot as usize].extent.triangles, *slot))
+            .map(|slot| (self.slots[*slot as usize].triangles, *slot))
             .collect();
         sizes.sort_unstable();
         let fitting = sizes.into_iter().take_while(|(size, _)| {
@@ -114,11 +113,11 @@ impl MergeScheduler {
     /// Keeps the objects on one side of a plane, with about half of the triangles: the first half along the longest axis.
     /// Given at least two objects, at least one is kept and one is dropped.
     fn halve(&self, group: &mut Vec<u32>) {
-        let extent = |slot: &u32| self.slots[*slot as usize].extent;
+        let centre = |slot: &u32| self.details[*slot as usize].centre;
         let (mut min, mut max) = (Vec3A::INFINITY, Vec3A::NEG_INFINITY);
         for slot in group.iter() {
-            min = min.min(extent(slot).centre);
-            max = max.max(extent(slot).centre);
+            min = min.min(centre(slot));
+            max = max.max(centre(slot));
         }
         let spread = max - min;
         let axis = if spread.x >= spread.y && spread.x >= spread.z {
@@ -129,13 +128,13 @@ impl MergeScheduler {
             2
         };
         group.sort_unstable_by(|a, b| {
-            let order = extent(a).centre[axis].total_cmp(&extent(b).centre[axis]);
+            let order = centre(a)[axis].total_cmp(&centre(b)[axis]);
             order.then(a.cmp(b))
         });
         let half = self.triangles(group) / 2;
         let mut sum = 0;
         let below = group.iter().take_while(|&slot| {
-            sum += extent(slot).triangles;
+            sum += self.slots[*slot as usize].triangles;
             sum <= half
         });
         let kept = below.count().clamp(1, group.len().saturating_sub(1).max(1));

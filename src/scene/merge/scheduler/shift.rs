@@ -1,19 +1,18 @@
 //! Shifts of the whole world by one vector, such as those of a floating origin: trees move along, and no object counts as disturbed.
 
-use super::{MergeScheduler, State};
+use super::{Disturbance, MergeScheduler, State};
 use bevy::math::Vec3A;
 
 impl MergeScheduler {
     /// Shifts all objects and trees. `staying` are the sorted slots of objects that weren't shifted, which are cut out of their trees.
     pub fn shift(&mut self, by: Vec3A, staying: impl Iterator<Item = u32>) {
         for slot in staying {
-            let Some(place) = self.slots.get_mut(slot as usize) else {
+            let Some(place) = self.slots.get(slot as usize) else {
                 break;
             };
-            place.extent.centre -= by;
+            self.details[slot as usize].centre -= by;
             if matches!(place.state, State::Merged(_)) || place.building {
-                let placement = place.placement;
-                self.disturb(slot, placement, true);
+                self.disturb(slot, Disturbance::Change);
             }
         }
         self.origin += by;
