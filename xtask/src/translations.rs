@@ -21,7 +21,7 @@ use crate::driver::{self, Need};
 use crate::{cargo, progress};
 
 /// Passes of the presets in plain scenes with either tracer, and the passes of the hardware back end.
-pub const PRESETS: [&str; 34] = [
+pub const PRESETS: [&str; 39] = [
     "composite/resolve.resolve",
     "composite/resolve.resolve IN_PLACE TILES",
     "composite/resolve.resolve IN_PLACE TILES BLUR",
@@ -43,6 +43,8 @@ pub const PRESETS: [&str; 34] = [
     "scene/pose/refit.fit_level",
     "scene/pose/refit.pose_triangles",
     "trace/blocks.trace",
+    "trace/blocks.trace KEPT_RAYS",
+    "trace/blocks.trace KEPT_RAYS RAY_QUERY",
     "trace/blocks.trace MIRRORS",
     "trace/blocks.trace MIRRORS RAY_QUERY",
     "trace/blocks.trace RAY_QUERY",
@@ -51,9 +53,12 @@ pub const PRESETS: [&str; 34] = [
     "trace/inline.fragment",
     "trace/inline.fragment RAY_QUERY",
     "trace/shade.trace",
+    "trace/shade.trace KEPT_RAYS",
     "trace/shade.trace MANY_LIGHTS",
     "trace/shade.trace MANY_LIGHTS RAY_QUERY",
     "trace/shade.trace MIRRORS",
+    "trace/shade.trace MIRRORS KEPT_RAYS",
+    "trace/shade.trace MIRRORS KEPT_RAYS RAY_QUERY",
     "trace/shade.trace MIRRORS RAY_QUERY",
     "trace/vrs.pack",
 ];
