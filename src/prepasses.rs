@@ -40,9 +40,11 @@ use bevy::{
 };
 use core::time::Duration;
 
-/// Time after which a camera gets its prepasses even if some pipelines still wait, such as those of a shader that never loads. A longer time
-/// keeps such a camera without reflections; a shorter one lets objects vanish on devices that compile slowly. Not tuned.
+/// Time without compilation after which a camera gets its prepasses although some pipelines still wait, such as those of a shader that
+/// never loads. A longer time keeps such a camera without reflections; a shorter one lets objects vanish whose shaders load late. Not tuned.
 const PATIENCE: Duration = Duration::from_secs(30);
+/// Frames for which a pipeline counts as waiting for its shader: Bevy tries again and again, which takes three frames.
+const RETRY_FRAMES: u32 = 8;
 /// Longest wait in the frame in which a camera becomes HDR. A shorter one shows frames without tone mapping or sky on devices that compile
 /// slowly: one second was too short on two busy cores without caches. A longer one freezes that frame for longer. Not tuned.
 const LONGEST_WAIT: Duration = Duration::from_secs(5);
@@ -137,7 +139,9 @@ fn give_prepasses(
             commands.try_remove::<PrepassRequest>();
             continue;
         }
-        request.waited += time.as_ref().map_or(Duration::ZERO, |time| time.delta());
+        if !request.compiles {
+            request.waited += time.as_ref().map_or(Duration::ZERO, |time| time.delta());
+        }
         let draws = drawn.contains(&entity) && ahead.is_some();
         if !draws || request.is_warm || request.waited > PATIENCE {
             commands
@@ -163,10 +167,14 @@ pub(crate) struct WaitingView {
     pub gets_hdr: bool,
     /// Whether all pipelines are compiled.
     pub is_warm: bool,
+    /// Whether some are being compiled, and none of them waits for a shader that isn't loaded.
+    pub compiles: bool,
     /// Whether the camera has everything now, or stopped waiting. The component lasts for this one frame then.
     pub is_over: bool,
     /// The key for which they were specialized.
     key: Option<MeshPipelineKey>,
+    /// Number of frames since a pipeline lacked its shader.
+    since_lack: u32,
 }
 
 impl WaitingView {
@@ -174,9 +182,21 @@ impl WaitingView {
         Self {
             gets_hdr,
             is_warm: false,
+            compiles: false,
             is_over: false,
             key: None,
+            since_lack: RETRY_FRAMES,
         }
+    }
+
+    /// Notes what the pipelines wait for in this frame.
+    fn note(&mut self, pending: Pending) {
+        self.is_warm = pending == Pending::Nothing;
+        self.since_lack = match pending {
+            Pending::Shader => 0,
+            _ => self.since_lack.saturating_add(1),
+        };
+        self.compiles = !self.is_warm && self.since_lack >= RETRY_FRAMES;
     }
 
     /// The key of the view once its camera has everything.
@@ -253,6 +273,7 @@ fn look_ahead(
 ) {
     let has_motion = no_motion.is_none();
     for (entity, mut waiting, view, visible) in &mut waiting {
+        waiting.compiles = false;
         let key = keys.main.get(&view.retained_view_entity);
         let Some(key) = key.filter(|_| !waiting.is_over) else {
             continue;
@@ -291,24 +312,32 @@ struct Specialized<'w> {
 }
 
 impl Specialized<'_> {
-    /// Whether no pipeline of a view will be compiled any more. Those with errors won't, unless their shader is still being loaded.
-    fn are_compiled(&mut self, view: RetainedViewEntity, key: MeshPipelineKey) -> bool {
+    /// What the pipelines of a view wait for. Those with errors are never compiled, unless their shader is still being loaded.
+    fn pending(&mut self, view: RetainedViewEntity, key: MeshPipelineKey) -> Pending {
         let lighting = self.lighting.as_mut().zip(self.lighting_layout.as_ref());
         let lighting = lighting.map(|(pipelines, layout)| pipelines.specialize(&self.cache, layout, key));
         let main = self.main.get(&view).into_iter().flat_map(|view| view.values().copied());
         let prepass = self.prepass.get(&view).into_iter().flat_map(|view| view.values());
-        let is_compiled = |id: CachedRenderPipelineId| {
+        let pending = |id: CachedRenderPipelineId| {
             use ShaderCacheError::{ShaderImportNotYetAvailable, ShaderNotLoaded};
             match self.cache.get_render_pipeline_state(id) {
-                CachedPipelineState::Queued | CachedPipelineState::Creating(_) => false,
-                CachedPipelineState::Ok(_) => true,
-                CachedPipelineState::Err(error) => !matches!(error, ShaderNotLoaded(_) | ShaderImportNotYetAvailable),
+                CachedPipelineState::Queued | CachedPipelineState::Creating(_) => Pending::Compilation,
+                CachedPipelineState::Err(ShaderNotLoaded(_) | ShaderImportNotYetAvailable) => Pending::Shader,
+                CachedPipelineState::Ok(_) | CachedPipelineState::Err(_) => Pending::Nothing,
             }
         };
-        main.chain(prepass.map(|(_, id, _)| *id))
-            .chain(lighting)
-            .all(is_compiled)
+        let all = main.chain(prepass.map(|(_, id, _)| *id)).chain(lighting);
+        all.map(pending).max().unwrap_or_default()
     }
+}
+
+/// What pipelines wait for. If several wait, it is the last of these.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
+enum Pending {
+    #[default]
+    Nothing,
+    Compilation,
+    Shader,
 }
 
 /// Removes the second views, and notes which views are warm.
@@ -322,7 +351,7 @@ fn note_compiled(
     for (entity, of, view) in &ahead {
         let view = view.retained_view_entity;
         if let (Some(key), Ok(mut waiting)) = (keys.main.get(&view).copied(), waiting.get_mut(of.0)) {
-            waiting.is_warm = specialized.are_compiled(view, key);
+            waiting.note(specialized.pending(view, key));
         }
         keys.remove(view);
         commands.entity(entity).despawn();
@@ -355,4 +384,58 @@ fn draws_wait(cache: &PipelineCache) -> bool {
                 CachedPipelineState::Queued | CachedPipelineState::Creating(_)
             )
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// However long pipelines are compiled, nothing vanishes; and a shader that never loads doesn't keep a camera without reflections.
+    #[test]
+    fn patience_ends_while_nothing_is_compiled() {
+        let mut app = App::new();
+        app.insert_resource(CompilesAhead)
+            .init_resource::<Time<Real>>()
+            .add_systems(PostUpdate, give_prepasses);
+        let camera = app.world_mut().spawn(Camera::default()).id();
+        app.update();
+        app.world_mut()
+            .entity_mut(camera)
+            .insert(RayTracedReflections::default());
+        let mut seconds = |compiles: bool, seconds: u32| {
+            for _ in 0..seconds {
+                let world = app.world_mut();
+                let mut time = world.resource_mut::<Time<Real>>();
+                time.advance_by(Duration::from_secs(1));
+                let mut camera = world.entity_mut(camera);
+                if let Some(mut request) = camera.get_mut::<PrepassRequest>() {
+                    request.compiles = compiles;
+                }
+                app.update();
+            }
+            app.world().entity(camera).contains::<DeferredPrepass>()
+        };
+        assert!(!seconds(true, 300), "pipelines are being compiled");
+        assert!(!seconds(false, 29));
+        assert!(seconds(false, 3), "nothing happens");
+    }
+
+    /// Bevy tries a shader that isn't loaded again every few frames.
+    #[test]
+    fn a_shader_that_never_loads_is_no_compilation() {
+        let mut view = WaitingView::new(false);
+        let mut note = |pending| {
+            view.note(pending);
+            [view.is_warm, view.compiles]
+        };
+        assert_eq!(note(Pending::Compilation), [false, true]);
+        for _ in 0..9 {
+            assert_eq!(note(Pending::Shader), [false, false]);
+            assert_eq!(note(Pending::Compilation), [false, false]);
+            assert_eq!(note(Pending::Compilation), [false, false]);
+        }
+        (0..RETRY_FRAMES).for_each(|_| _ = note(Pending::Compilation));
+        assert_eq!(note(Pending::Compilation), [false, true]);
+        assert_eq!(note(Pending::Nothing), [true, false]);
+    }
 }

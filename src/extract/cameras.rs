@@ -280,6 +280,7 @@ impl Extraction<'_, '_> {
         let waiting = waiting.filter(|waiting| !waiting.is_over);
         if let (Some(waiting), Some(request)) = (waiting, &mut camera.request) {
             request.is_warm = waiting.is_warm;
+            request.compiles = waiting.compiles;
         } else {
             self.commands.entity(view).insert(WaitingView::new(!camera.hdr));
         }

@@ -8,6 +8,8 @@ use core::time::Duration;
 pub struct PrepassRequest {
     /// Whether all pipelines with which Bevy will draw the view are compiled.
     pub is_warm: bool,
-    /// Time since the request.
+    /// Whether some are being compiled, and none of them waits for a shader that isn't loaded.
+    pub compiles: bool,
+    /// Time since the request in which nothing was compiled.
     pub waited: Duration,
 }
