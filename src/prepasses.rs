@@ -41,9 +41,11 @@ use bevy::{
 use core::time::Duration;
 
 /// Time without compilation after which a camera gets its prepasses although some pipelines still wait, such as those of a shader that
-/// never loads. A longer time keeps such a camera without reflections; a shorter one lets objects vanish whose shaders load late. Not tuned.
+/// never loads. A longer time keeps such a camera without reflections for longer. With a shorter one, objects vanish for a while if their
+/// shaders load late. Not tuned.
 const PATIENCE: Duration = Duration::from_secs(30);
-/// Frames for which a pipeline counts as waiting for its shader: Bevy tries again and again, which takes three frames.
+/// Frames for which a pipeline counts as waiting after it lacked its shader. Bevy tries again, which takes three frames or more if its threads
+/// are busy: with a lower number, these tries count as compilation. With a higher one, a shader that was late counts as missing for longer.
 const RETRY_FRAMES: u32 = 8;
 /// Longest wait in the frame in which a camera becomes HDR. A shorter one shows frames without tone mapping or sky on devices that compile
 /// slowly: one second was too short on two busy cores without caches. A longer one freezes that frame for longer. Not tuned.
@@ -331,7 +333,7 @@ impl Specialized<'_> {
     }
 }
 
-/// What pipelines wait for. If several wait, it is the last of these.
+/// What pipelines wait for: a shader, if any of them does, or else compilation.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 enum Pending {
     #[default]

@@ -107,7 +107,7 @@ fn masked_objects_are_merged() {
     assert_flip("masked-out", SIZE, &app.capture().unwrap(), &cut_out, 0.002);
 }
 
-/// A mirror before a wall of 2,400 tiles, one half of which an explosion takes apart. Returns the tiles of that half.
+/// Spawns a mirror and a wall of 2,400 tiles. An explosion moves every second tile. Returns these tiles.
 fn spawn_wall(app: &mut HeadlessApp, is_apart: bool) -> Vec<Entity> {
     let floor = Transform::from_translation(Vec3::new(0.0, -0.05, 0.0));
     spawn_mesh(app, Cuboid::new(12.0, 0.1, 12.0), metal(0.0), floor);

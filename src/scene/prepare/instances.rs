@@ -36,7 +36,7 @@ impl SceneBindings {
                 continue;
             };
             all = all.max(change);
-            // Objects that were merged until now enter it later.
+            // Those that were merged until now enter it in `follow_merging`.
             if is_bvh
                 && self.top_level.holds(slot)
                 && let Some(source) = instances.get(slot)

@@ -24,7 +24,7 @@ pub(in crate::scene) struct Object {
 }
 
 impl Object {
-    /// The object of an instance, whose own `top` is ignored. `top` are the nodes of its tree at which rays can start.
+    /// Makes an object of an instance. Rays can start at the nodes `top` of its tree, which replace those of the instance.
     pub fn new(instance: &TlasInstance, top: Arc<[TopNode]>) -> Self {
         Self {
             world_from_object: instance.world_from_object,
