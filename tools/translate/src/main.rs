@@ -136,7 +136,16 @@ fn hlsl(module: &Module, info: &ModuleInfo, stage: ShaderStage, entry: &str) -> 
     for name in written.entry_point_names {
         name?;
     }
+    if let Some(constant) = constructed_constant(&text) {
+        bail!("Slang refuses constants of a structure or an array: {constant}");
+    }
     Ok(text.into_bytes())
+}
+
+/// A constant that naga initializes with a function call.
+fn constructed_constant(hlsl: &str) -> Option<&str> {
+    hlsl.lines()
+        .find(|line| line.starts_with("static const ") && line.contains("= Construct"))
 }
 
 /// For macOS 13 and iOS 16.
