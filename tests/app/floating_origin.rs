@@ -2,10 +2,10 @@
 
 use crate::{
     convergence::{capture, switch},
-    pictures::{COARSE, assert_flip, linear_app, picture_app, spawn},
+    pictures::{COARSE, assert_flip, linear_app, picture_app, red_pixels, reflect, spawn, warm_up},
     stage::{
-        BEFORE_THE_MIRROR, BLUE, RED, SIZE, metal, report, settings_of, spawn_camera, spawn_mesh, unlit, until_at_rest,
-        wall,
+        BEFORE_THE_MIRROR, BLUE, RED, SIZE, add, metal, report, settings_of, spawn_camera, spawn_mesh, spawn_mirror,
+        unlit, until, until_at_rest, wall,
     },
 };
 use bevy::prelude::*;
@@ -40,6 +40,48 @@ fn a_shift_of_the_origin_is_not_seen() {
     assert_eq!(again.merged_instances, merged.instances);
     assert_eq!(again.merge_builds, merged.merge_builds + 1);
     assert_flip("shifted-merged", SIZE, &before, &app.capture().unwrap(), 0.002);
+}
+
+/// Shifts in all frames until many objects are merged, which are looked up over several of them.
+#[test]
+fn shifts_until_objects_are_merged_are_not_seen() {
+    const SIDE: i16 = 50;
+    let Some(mut app) = picture_app(SIZE) else { return };
+    let app = &mut app;
+    let camera = spawn_mirror(app, 0.0, SceneName::MirrorRoom);
+    let mesh = add(app, Mesh::from(Rectangle::new(0.1, 0.1)));
+    let two_sided = StandardMaterial {
+        cull_mode: None,
+        ..unlit(RED)
+    };
+    let material = add(app, two_sided);
+    for x in 0..SIDE {
+        for y in 0..SIDE {
+            let place = 0.2 * (Vec2::new(x.into(), y.into()) - f32::from(SIDE / 2));
+            let at = Transform::from_translation(place.extend(8.0));
+            app.world()
+                .spawn((Mesh3d(mesh.clone()), MeshMaterial3d(material.clone()), at));
+        }
+    }
+    reflect(app, camera, ReflectionTechnique::Reference);
+    let picture_of = |app: &mut HeadlessApp| {
+        warm_up(app);
+        app.step(1);
+        app.capture().unwrap()
+    };
+    let before = picture_of(app);
+    assert_eq!(report(app).merged_instances, 0, "it is too late");
+    assert!(red_pixels(&before) > 500);
+    let mut back_and_forth = [SHIFT, -SHIFT].into_iter().cycle();
+    let mut shift_and_step = |app: &mut HeadlessApp| {
+        shift(app, back_and_forth.next().unwrap());
+        app.step(1);
+    };
+    until(app, "they are never merged", |app| {
+        (0..2).for_each(|_| shift_and_step(app));
+        report(app).merged_instances == report(app).instances
+    });
+    assert_flip("shifted while merging", SIZE, &before, &picture_of(app), 0.002);
 }
 
 /// Four shifts, each while the last frames are still of use: a rough floor is denoised over frames.

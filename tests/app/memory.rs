@@ -178,9 +178,9 @@ fn cameras_that_are_away_make_room_for_others() {
 
 /// Water before the whole view.
 #[test]
-#[ignore = "long: frames of 3840x2160"]
+#[ignore = "long: frames of 1920x1080"]
 fn four_viewports_take_no_more_than_one() {
-    const LARGE: UVec2 = UVec2::new(3840, 2160);
+    const LARGE: UVec2 = UVec2::new(1920, 1080);
     let Some(mut app) = picture_app(LARGE) else { return };
     let app = &mut app;
     spawn_mesh(app, wall(), metal(0.3), Transform::IDENTITY);

@@ -279,12 +279,14 @@ fn assert_followed(
             advance(app, step, true);
             frame(app);
         }
-        let after = capture(app);
-        set_converging(app, true);
-        begin_anew(app, camera);
-        (0..80).for_each(|_| frame(app));
-        let truth = capture(app);
-        let (changed, left) = (difference(&truth, &before), difference(&truth, &after));
+        [before, capture(app)]
+    });
+    // The truth for both, of views that converge.
+    begin_anew(app, camera);
+    (0..80).for_each(|_| frame(app));
+    let truth = capture(app);
+    let [without, with] = [(false, without), (true, with)].map(|(converges, images)| {
+        let [changed, left] = images.map(|image| difference(&truth, &image));
         println!("{name}, converges: {converges}: {changed:.4} before, {left:.4} after 16 frames");
         left
     });
