@@ -125,7 +125,8 @@ type HasAll = (
     With<NormalPrepass>,
 );
 
-/// Gives new cameras their prepasses at once, and those that draw once the pipelines for them are compiled.
+/// Gives new cameras their prepasses at once, and those that have drawn once the pipelines for them are compiled, which takes frames in
+/// which they draw.
 fn give_prepasses(
     mut cameras: Query<Requesting>,
     complete: Query<(), HasAll>,
@@ -141,7 +142,8 @@ fn give_prepasses(
             commands.try_remove::<PrepassRequest>();
             continue;
         }
-        if !request.compiles {
+        let is_active = all.get(entity).is_ok_and(|(_, camera)| camera.is_active);
+        if is_active && !request.compiles {
             request.waited += time.as_ref().map_or(Duration::ZERO, |time| time.delta());
         }
         let draws = drawn.contains(&entity) && ahead.is_some();
@@ -154,7 +156,8 @@ fn give_prepasses(
             }
         }
     }
-    drawn.clear();
+    // A camera that pauses will draw the same objects again.
+    drawn.retain(|camera| all.contains(*camera));
     drawn.extend(
         all.iter()
             .filter(|(_, camera)| camera.is_active)
@@ -420,6 +423,31 @@ mod tests {
         assert!(!seconds(true, 300), "pipelines are being compiled");
         assert!(!seconds(false, 29));
         assert!(seconds(false, 3), "nothing happens");
+    }
+
+    /// Reflections that a menu switches on while its own camera draws.
+    #[test]
+    fn a_camera_that_has_drawn_gets_its_prepasses_while_it_draws() {
+        let mut app = App::new();
+        app.insert_resource(CompilesAhead)
+            .init_resource::<Time<Real>>()
+            .add_systems(PostUpdate, give_prepasses);
+        let camera = app.world_mut().spawn(Camera::default()).id();
+        let mut seconds = |is_active: bool, change: fn(EntityWorldMut)| {
+            change(app.world_mut().entity_mut(camera));
+            app.world_mut().get_mut::<Camera>(camera).unwrap().is_active = is_active;
+            for _ in 0..60 {
+                let mut time = app.world_mut().resource_mut::<Time<Real>>();
+                time.advance_by(Duration::from_millis(if is_active { 100 } else { 1_000 }));
+                app.update();
+            }
+            app.world().entity(camera).contains::<DeferredPrepass>()
+        };
+        assert!(!seconds(true, |_| {}));
+        assert!(!seconds(false, |mut camera| _ = camera.insert(RayTracedReflections::default())));
+        assert!(!seconds(true, |_| {}));
+        let warm = |mut camera: EntityWorldMut| camera.get_mut::<PrepassRequest>().unwrap().is_warm = true;
+        assert!(seconds(true, warm));
     }
 
     /// Bevy tries a shader that isn't loaded again every few frames.
