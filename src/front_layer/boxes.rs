@@ -2,7 +2,7 @@
 
 use crate::{
     scene::SceneBindings,
-    settings::{ClampedSettings, RayTracedReflections, ReflectionView},
+    settings::{ClampedSettings, RayTracedReflections},
 };
 use bevy::{
     camera::{
@@ -52,7 +52,7 @@ impl LayerBoxes {
 /// Objects in the view of cameras, according to Bevy.
 #[derive(SystemParam)]
 pub(super) struct SeenObjects<'w, 's> {
-    cameras: Query<'w, 's, (&'static Camera, &'static VisibleEntities), With<RayTracedReflections>>,
+    cameras: Query<'w, 's, (&'static Camera, &'static RayTracedReflections, &'static VisibleEntities)>,
     unculled: Query<'w, 's, (), With<NoCpuCulling>>,
 }
 
@@ -62,10 +62,16 @@ impl SeenObjects<'_, '_> {
         self.unculled.is_empty()
     }
 
+    /// Returns whether a reflecting camera has such settings. Views of the render world would be those of the last frame: none after a pause.
+    fn any_camera(&self, has: impl Fn(&ClampedSettings) -> bool) -> bool {
+        let mut cameras = self.cameras.iter();
+        cameras.any(|(camera, settings, _)| camera.is_active && has(&settings.into()))
+    }
+
     /// Visible objects of reflecting cameras that fulfil a condition; `None` if there are too many.
     fn find(&self, holds: impl Fn(Entity) -> bool) -> Option<Vec<Entity>> {
-        let active = self.cameras.iter().filter(|(camera, _)| camera.is_active);
-        let seen = active.flat_map(|(_, seen)| seen.get(TypeId::of::<Mesh3d>()));
+        let active = self.cameras.iter().filter(|(camera, ..)| camera.is_active);
+        let seen = active.flat_map(|(.., seen)| seen.get(TypeId::of::<Mesh3d>()));
         let found: Vec<Entity> = seen
             .copied()
             .filter(|entity| holds(*entity))
@@ -79,7 +85,6 @@ impl SeenObjects<'_, '_> {
 pub(super) fn extract_boxes(
     objects: Extract<Query<(&GlobalTransform, Option<&Aabb>)>>,
     seen: Extract<SeenObjects>,
-    views: Query<&ReflectionView>,
     scene: Option<Res<SceneBindings>>,
     mut extracted: ResMut<LayerBoxes>,
 ) {
@@ -95,7 +100,7 @@ pub(super) fn extract_boxes(
             half_extents: aabb.half_extents,
         }))
     };
-    if views.iter().any(|view| view.settings.transparent) {
+    if seen.any_camera(|settings| settings.transparent) {
         // A world can have tens of thousands, which Bevy has already culled.
         let is_many = scene.see_through.count() > MOST_OBJECTS && seen.are_all_culled();
         let found = if is_many {
@@ -110,7 +115,7 @@ pub(super) fn extract_boxes(
     }
     if scene.forward.count() > MOST_OBJECTS {
         opaque.push(None);
-    } else if views.iter().any(|view| view.settings.forward) {
+    } else if seen.any_camera(|settings| settings.forward) {
         opaque.extend(scene.forward.entities().filter_map(box_of));
     }
 }
@@ -137,6 +142,8 @@ mod tests {
             .filter(|entity| entity.index_u32() % 4 == 0)
             .collect();
         assert_eq!(found, Some(expected));
+        assert!(seen.any_camera(|settings| settings.transparent));
+        assert!(!seen.any_camera(|settings| settings.forward));
         assert_eq!(seen.find(|_| true), None, "too many");
         assert!(seen.are_all_culled());
         world.spawn(NoCpuCulling);
@@ -146,5 +153,6 @@ mod tests {
         let seen = state.get(&world).expect("all parameters are there");
         assert!(!seen.are_all_culled());
         assert_eq!(seen.find(|_| true), Some(Vec::new()));
+        assert!(!seen.any_camera(|_| true), "no camera is active");
     }
 }
