@@ -176,6 +176,10 @@ impl InstanceTable {
                 ..instance
             };
             self.changed.push(slot);
+            // It changed in another way, too.
+            if before.is_some_and(|before| before.world_from_object != instance.world_from_object) {
+                self.mark_moving(slot, [UNKNOWN_MOTION, 0]);
+            }
         }
         true
     }

@@ -28,6 +28,27 @@ fn object(x: f32, lightmap: u32, rect: [u32; 2]) -> Option<GpuInstance> {
 }
 
 #[test]
+fn objects_that_change_while_they_move_are_marked() {
+    let Some((device, _)) = test_gpu::device() else {
+        return;
+    };
+    let mut table = InstanceTable::new(&device);
+    table.reserve(1, &device);
+    let of_material = |x: f32, material: u32| {
+        let object = object(x, NO_TEXTURE, [0; 2])?;
+        Some(GpuInstance { material, ..object })
+    };
+    let mut marks = |x: f32, material: u32| {
+        table.set(0, of_material(x, material));
+        let marked = table.flags(0) & INSTANCE_MOVING != 0;
+        table.settle();
+        marked
+    };
+    let moved = [(0.0, 1), (0.0, 2), (1.0, 3), (1.0, 4)].map(|(x, material)| marks(x, material));
+    assert_eq!(moved, [false, false, true, false]);
+}
+
+#[test]
 fn shifts_of_the_world_are_no_motion() {
     let Some((device, _)) = test_gpu::device() else {
         return;
