@@ -26,6 +26,7 @@ use bevy::{
 };
 use bytemuck::{Pod, Zeroable};
 
+pub(crate) use bindings::EnvironmentId;
 #[cfg(test)]
 pub use bindings::layout_in_browsers;
 pub use bindings::{EnvironmentBindings, layout_descriptor, prepare_environments};

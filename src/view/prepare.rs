@@ -17,6 +17,7 @@ use crate::{
 };
 use bevy::{
     camera::{MainPassResolutionOverride, NormalizedRenderTarget},
+    core_pipeline::prepass::PreviousViewData,
     diagnostic::FrameCount,
     ecs::{entity::EntityHashMap, prelude::*, query::QueryData, system::SystemParam},
     light::{EnvironmentMapLight, IrradianceVolume},
@@ -43,6 +44,7 @@ pub(crate) struct PreparedView {
     culling: Option<&'static mut ViewCulling>,
     resolution: Option<&'static MainPassResolutionOverride>,
     environment: Option<&'static ViewEnvironment>,
+    previous: Option<&'static PreviousViewData>,
     fog: Option<&'static DistanceFog>,
     ssao: Has<ScreenSpaceAmbientOcclusionResources>,
     transmission: Has<ScreenSpaceTransmission>,
@@ -104,7 +106,6 @@ impl PreparedViewItem<'_, '_> {
         if self.transmission {
             flags |= VIEW_DRAWS_GLASS;
         }
-        let environment = surroundings.environments.bind_group(self.entity);
         let mut cameras = surroundings.cameras.iter();
         Frame {
             origin: extracted.viewport.xy(),
@@ -122,10 +123,11 @@ impl PreparedViewItem<'_, '_> {
             clip_from_world: extracted
                 .clip_from_world
                 .unwrap_or_else(|| extracted.clip_from_view * extracted.world_from_view.to_matrix().inverse()),
+            last_clip_from_world: self.previous.map(|previous| previous.unjittered_clip_from_world),
             world_position: extracted.world_from_view.translation(),
             exposure: self.camera.exposure,
             environment: self.environment.cloned(),
-            environment_id: environment.map(|group| group.id()),
+            environment_id: surroundings.environments.id(self.entity),
             may_move: self.view.settings.marches_screen() || cameras.any(|other| is_screen(other, self.camera)),
             culled: self.culling.as_ref().is_some_and(|culling| culling.is_culled()),
             screen: Screen::Last,

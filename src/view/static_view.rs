@@ -2,13 +2,10 @@
 
 use super::uniform::{Fog, Frame};
 use crate::{
-    scene::environment::ViewEnvironment,
+    scene::environment::{EnvironmentId, ViewEnvironment},
     settings::{ClampedSettings, RateSettings, RateThresholds, ReflectionDenoiser, ReflectionView},
 };
-use bevy::{
-    math::{Mat4, UVec2, Vec3},
-    render::render_resource::BindGroupId,
-};
+use bevy::math::{Mat4, UVec2, Vec3};
 
 /// Further frames add nothing in 32-bit floats.
 pub(super) const MOST_FRAMES: u32 = 1 << 22;
@@ -24,7 +21,7 @@ pub(super) struct ViewFingerprint {
     /// ... and changes that this view's rays hit, or might have hit.
     met: [u32; 2],
     environment: Option<ViewEnvironment>,
-    environment_id: Option<BindGroupId>,
+    environment_id: Option<EnvironmentId>,
     clip_from_world: Mat4,
     world_position: Vec3,
     exposure: f32,
@@ -70,6 +67,11 @@ impl ViewFingerprint {
 }
 
 impl ViewFingerprint {
+    /// Assumes the images of the last frame's environment while those of this one aren't known, such as after a pause.
+    pub fn keep_environment(&mut self, last: &Self) {
+        self.environment_id = self.environment_id.or(last.environment_id);
+    }
+
     /// Takes over the camera, which was shifted with the world.
     pub fn shift(&mut self, frame: &Frame) {
         self.clip_from_world = frame.clip_from_world;

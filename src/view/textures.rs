@@ -3,7 +3,7 @@
 use super::{
     kept_groups::KeptGroups,
     static_view::{MOST_FRAMES, StaticView, ViewFingerprint},
-    uniform::{Frame, FrameState, GpuReflectionView, PreviousFrame},
+    uniform::{Frame, FrameState, GpuReflectionView, PreviousFrame, is_at_rest},
 };
 use crate::{
     scene::RESTLESS_FRAMES,
@@ -210,7 +210,7 @@ impl ReflectionTextures {
         if before != frame.world_origin {
             self.shift(before, frame);
         }
-        let fingerprint = if converged {
+        let mut fingerprint = if converged {
             Some(ViewFingerprint::of_truth(view, frame))
         } else {
             ViewFingerprint::new(view, frame, self.met)
@@ -218,6 +218,9 @@ impl ReflectionTextures {
         if scene_changed && frame.number.wrapping_sub(self.drawn) > RESTLESS_FRAMES {
             // The marks of what changed in the pause have expired, so no ray can meet the change.
             self.static_view = StaticView::default();
+        }
+        if let (Some(now), Some(last)) = (&mut fingerprint, self.static_view.last_mut()) {
+            now.keep_environment(last);
         }
         let static_frames = self.static_view.count(fingerprint);
         if view.reset || (converged && (scene_changed || static_frames == 0)) {
@@ -233,13 +236,14 @@ impl ReflectionTextures {
             size: self.targets.sizes.full,
             tile_log2: self.targets.sizes.tile_texels().ilog2(),
         };
-        let has_moved = |previous: &PreviousFrame| {
-            previous.clip_from_world != frame.clip_from_world || previous.world_position != frame.world_position
-        };
-        let is_elsewhere = !self.is_of_last_frame(frame) && self.previous.as_ref().is_some_and(has_moved);
+        let is_of_last_frame = self.is_of_last_frame(frame);
+        let is_elsewhere = !is_of_last_frame && self.previous.as_ref().is_some_and(|last| last.is_elsewhere(frame));
+        let static_frames = if converged { 0 } else { static_frames };
+        // A view at rest misses the frames after the change that wakes it.
+        let wakes = self.is_at_rest && !is_at_rest(static_frames, self.accumulated);
         self.light_frames = if !self.targets.needs.light_changes {
             0
-        } else if scene_changed {
+        } else if scene_changed || wakes {
             LIGHT_FRAMES
         } else {
             self.light_frames.saturating_sub(1)
@@ -248,11 +252,11 @@ impl ReflectionTextures {
         let state = FrameState {
             sample_index: self.sample_index,
             accumulated: self.accumulated,
-            static_frames: if converged { 0 } else { static_frames },
+            static_frames,
             is_shifted,
             follows_light: self.light_frames > 0,
             is_cut: self.accumulated > 0 && !frame.follows_own_motion && (self.is_borrowed || is_elsewhere),
-            has_screen: self.replaced.is_none(),
+            has_screen: self.replaced.is_none() && is_of_last_frame,
             previous: self.previous.replace(now).unwrap_or(now),
         };
         self.drawn = frame.number;

@@ -1,7 +1,10 @@
 //! Settings and state of a view for the shaders, and properties of a view in one frame.
 
 use crate::{
-    scene::{environment::ViewEnvironment, moves_along},
+    scene::{
+        environment::{EnvironmentId, ViewEnvironment},
+        moves_along,
+    },
     settings::{ClampedSettings, RateThresholds, ReflectionSampling},
     targets::Sizes,
 };
@@ -9,7 +12,7 @@ use bevy::{
     color::{Alpha, ColorToComponents},
     math::{DVec3, Mat4, UVec2, Vec3, Vec4, Vec4Swizzles},
     pbr::{DistanceFog, FogFalloff},
-    render::render_resource::{BindGroupId, ShaderType},
+    render::render_resource::ShaderType,
 };
 
 /// Settings and state of a view for the shaders (`uniform.wesl`).
@@ -174,11 +177,13 @@ pub(crate) struct Frame {
     pub changes_met: Option<u32>,
     /// Without jitter.
     pub clip_from_world: Mat4,
+    /// The same of the app's last frame, in which Bevy's motion vectors begin, whether it was drawn or not.
+    pub last_clip_from_world: Option<Mat4>,
     pub world_position: Vec3,
     pub exposure: f32,
     pub environment: Option<ViewEnvironment>,
-    /// Changes with the images of the environment, one frame late.
-    pub environment_id: Option<BindGroupId>,
+    /// Changes with the images of the environment, one frame late; `None` if they aren't known yet.
+    pub environment_id: Option<EnvironmentId>,
     /// Something might change undetected: other cameras render into images that surfaces can show, a shader moves surfaces, or rays
     /// find surfaces on the screen that the scene doesn't have.
     pub may_move: bool,
@@ -191,8 +196,8 @@ pub(crate) struct Frame {
 
 impl Frame {
     /// The frame for front-layer surfaces, which have a G-buffer of the view's size: change detection doesn't cover them. They
-    /// cover no tile before the first one, and might move by themselves.
-    pub fn of_other_surfaces(self, first_tile: UVec2, may_move: bool) -> Self {
+    /// cover no tile before the first one, and might move by themselves. Opaque ones have Bevy's motion vectors.
+    pub fn of_other_surfaces(self, first_tile: UVec2, may_move: bool, are_opaque: bool) -> Self {
         Self {
             gbuffer_origin: UVec2::ZERO,
             first_tile,
@@ -200,7 +205,7 @@ impl Frame {
             may_move: self.may_move || may_move,
             culled: false,
             screen: Screen::This,
-            follows_own_motion: true,
+            follows_own_motion: !are_opaque,
             ..self
         }
     }
@@ -228,8 +233,13 @@ const REST_BEGIN: u32 = 8;
 impl FrameState {
     /// Returns whether the view is static, at least partly: `rest_of` in `filters.wesl` is above 0.
     pub fn is_at_rest(&self) -> bool {
-        self.static_frames > REST_BEGIN || (1..=self.static_frames).contains(&self.accumulated)
+        is_at_rest(self.static_frames, self.accumulated)
     }
+}
+
+/// [`FrameState::is_at_rest`].
+pub(super) fn is_at_rest(static_frames: u32, accumulated: u32) -> bool {
+    static_frames > REST_BEGIN || (1..=static_frames).contains(&accumulated)
 }
 
 /// The camera of the frame in the history, in the coordinates of this frame. It can be another camera.
@@ -259,6 +269,12 @@ fn exposure_history(ratio: f32) -> f32 {
 
 /// Rounding errors of a shift, relative to the coordinates.
 const SHIFT_TOLERANCE: f32 = 1e-6;
+
+/// Returns whether two cameras are the same apart from rounding. `size` is the largest coordinate of their places.
+fn are_same(a: Mat4, b: Mat4, size: f32) -> bool {
+    let most = 8.0 * SHIFT_TOLERANCE * (1.0 + size);
+    (0..4).all(|column| (a.col(column) - b.col(column)).abs().max_element() <= most)
+}
 
 impl PreviousFrame {
     /// Part of the space before a camera that this one showed. The samples lie on 16 rays, with a perspective at 10 to 300 times the distance
@@ -299,11 +315,15 @@ impl PreviousFrame {
         *self = self.translated(by);
         let size = frame.world_position.abs().max_element().max(stayed.abs().max_element());
         let is_same_place = self.world_position.distance(frame.world_position) <= SHIFT_TOLERANCE * size;
-        let same = |a: Mat4, b: Mat4| {
-            let most = 8.0 * SHIFT_TOLERANCE * (1.0 + size);
-            (0..4).all(|column| (a.col(column) - b.col(column)).abs().max_element() <= most)
-        };
-        is_same_place && same(self.clip_from_world, frame.clip_from_world)
+        is_same_place && are_same(self.clip_from_world, frame.clip_from_world, size)
+    }
+
+    /// Returns whether a camera that paused has moved since, or came back: Bevy's motion vectors lead to where it was in the pause.
+    pub fn is_elsewhere(&self, frame: &Frame) -> bool {
+        let size = frame.world_position.abs().max_element();
+        let has_moved = self.clip_from_world != frame.clip_from_world || self.world_position != frame.world_position;
+        let comes_back = |last: Mat4| !are_same(self.clip_from_world, last, size);
+        has_moved || frame.last_clip_from_world.is_some_and(comes_back)
     }
 }
 

@@ -1,5 +1,6 @@
 //! Cameras that come and go: reflections exist in their first frame, and survive a frame without any camera.
 
+mod pauses;
 mod random;
 
 use crate::{
@@ -57,6 +58,10 @@ fn cameras_come_and_go() {
         a_cut_keeps_the_history_of_what_both_cameras_see,
         a_frame_without_a_camera_loses_nothing,
         a_change_in_a_pause_is_followed,
+        pauses::glass_reflects_in_the_first_frame_after_a_pause,
+        pauses::a_camera_that_moves_in_a_pause_finds_its_history,
+        pauses::a_converged_view_stays_so_across_a_cut,
+        pauses::the_screen_before_a_pause_is_not_reused,
         after_a_time_without_a_camera_all_is_freed,
         a_reset_is_not_put_off_by_pipelines,
         images_of_rates_can_take_turns,

@@ -34,6 +34,12 @@ struct ViewBindings {
     bind_group: BindGroup,
     contents: BindGroupContents,
     written: GpuEnvironment,
+    id: EnvironmentId,
+}
+
+/// The images of a view's environment. An image can get a different sampler and keep its texture.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct EnvironmentId {
     views: [TextureViewId; 11],
     density_sampler: SamplerId,
 }
@@ -164,6 +170,11 @@ impl EnvironmentBindings {
         self.views.get(&view).map(|bindings| &bindings.bind_group)
     }
 
+    /// The images of a view's environment, from the second frame on.
+    pub(crate) fn id(&self, view: Entity) -> Option<EnvironmentId> {
+        self.views.get(&view).map(|bindings| bindings.id)
+    }
+
     /// Returns the contents of a view's bind group 2 while the view uses variable rate shading.
     pub(crate) fn contents(&self, view: Entity) -> Option<&BindGroupContents> {
         self.views.get(&view).map(|bindings| &bindings.contents)
@@ -292,7 +303,7 @@ impl<'a> ViewMaps<'a> {
         (maps, uniform)
     }
 
-    fn ids(&self) -> [TextureViewId; 11] {
+    fn id(&self) -> EnvironmentId {
         let [transmittance, sky] = self.air;
         let [scattered_often, density, scattering] = self.medium;
         let views = [
@@ -308,7 +319,10 @@ impl<'a> ViewMaps<'a> {
             density,
             scattering,
         ];
-        views.map(|view| view.id())
+        EnvironmentId {
+            views: views.map(|view| view.id()),
+            density_sampler: self.fog_density.1.id(),
+        }
     }
 
     fn entries(&self, buffer: &'a Buffer) -> BindGroupEntries<'a, 14> {
@@ -359,8 +373,7 @@ impl ViewBindings {
             bind_group,
             contents: BindGroupContents::default(),
             written: uniform,
-            views: maps.ids(),
-            density_sampler: maps.fog_density.1.id(),
+            id: maps.id(),
         }
     }
 
@@ -391,10 +404,7 @@ pub fn prepare_environments(
     known.retain(|entity, _| views.contains(*entity));
     for (entity, view, wants, air) in &views {
         let (maps, uniform) = ViewMaps::new(view, &images, &tables, air, &bindings, &device);
-        let is_current = |view: &ViewBindings| {
-            // An image can get a different sampler and keep its texture.
-            view.views == maps.ids() && view.density_sampler == maps.fog_density.1.id()
-        };
+        let is_current = |view: &ViewBindings| view.id == maps.id();
         let current = known.remove(&entity).filter(is_current);
         let mut current = current.unwrap_or_else(|| {
             let layout = pipelines.get_bind_group_layout(&bindings.layout);
