@@ -114,7 +114,7 @@ impl LightTable {
 
     /// Updates the buffer to the lights of the scene. If the device lacks memory for all lights with their tree, hits evaluate the
     /// first ones. Lights that aren't `touched` are unchanged.
-    pub fn write(&mut self, lights: &[GpuLight], touched: &Touched, device: &RenderDevice, queue: &RenderQueue) {
+    fn write(&mut self, lights: &[GpuLight], touched: &Touched, device: &RenderDevice, queue: &RenderQueue) {
         if lights.len() <= MAX_LIGHTS {
             self.tree = None;
             self.slice.write(lights, 0..lights.len(), device, queue);
@@ -150,55 +150,34 @@ mod tests {
     use crate::scene::test_gpu;
 
     #[test]
-    fn only_more_lights_than_hits_go_through_have_a_tree() {
+    fn textures_stand_behind_lights_and_the_tree_of_many() {
         let Some((device, queue)) = test_gpu::device() else {
             return;
         };
-        let lights = vec![
-            GpuLight {
-                kind: 1,
-                ..GpuLight::default()
-            };
-            MAX_LIGHTS + 1
-        ];
-        let mut table = LightTable::new(&device);
-        for (count, leaves, elements) in [
-            (3, 0, 3),
-            (MAX_LIGHTS, 0, MAX_LIGHTS),
-            (MAX_LIGHTS + 1, 512, 769),
-            (9, 0, 9),
-        ] {
-            table.write(&lights[..count], &Touched::All, &device, &queue);
-            assert_eq!((table.count(), table.leaf_count()), (count as u32, leaves));
-            assert_eq!(table.slice.count(), elements, "{count} lights");
-        }
-    }
-
-    #[test]
-    fn textures_stand_behind_lights_and_their_tree() {
-        let Some((device, queue)) = test_gpu::device() else {
-            return;
+        let light = GpuLight {
+            kind: 1,
+            ..GpuLight::default()
         };
-        let lights = vec![
-            GpuLight {
-                kind: 1,
-                ..GpuLight::default()
-            };
-            MAX_LIGHTS + 1
-        ];
+        let lights = [light; MAX_LIGHTS + 1];
         let textures = LightTextures::with_records(2);
         let none = LightTextures::default();
         let mut table = LightTable::new(&device);
-        for (count, textures, places, elements) in [
-            (3, &textures, [3, 2], 5),
-            (MAX_LIGHTS + 1, &textures, [769, 2], 771),
-            (MAX_LIGHTS + 1, &none, [0, 0], 769),
-            (3, &none, [0, 0], 3),
+        for (count, textures, leaves, places, elements) in [
+            (3, &none, 0, [0, 0], 3),
+            (MAX_LIGHTS, &none, 0, [0, 0], MAX_LIGHTS),
+            (MAX_LIGHTS + 1, &none, 512, [0, 0], 769),
+            (9, &none, 0, [0, 0], 9),
+            (3, &textures, 0, [3, 2], 5),
+            (MAX_LIGHTS + 1, &textures, 512, [769, 2], 771),
+            (MAX_LIGHTS + 1, &none, 512, [0, 0], 769),
+            (3, &none, 0, [0, 0], 3),
         ] {
-            let touched = Touched::default();
-            table.write_with_textures(&lights[..count], &touched, textures, &device, &queue);
-            assert_eq!((table.count(), table.textures()), (count as u32, places));
-            assert_eq!(table.slice.count(), elements, "{count} lights");
+            for touched in [Touched::All, Touched::default()] {
+                table.write_with_textures(&lights[..count], &touched, textures, &device, &queue);
+                assert_eq!((table.count(), table.leaf_count()), (count as u32, leaves));
+                assert_eq!(table.textures(), places, "{count} lights");
+                assert_eq!(table.slice.count(), elements, "{count} lights");
+            }
         }
     }
 }

@@ -102,7 +102,7 @@ impl Scatter {
         if places.len() > self.most() {
             return false;
         }
-        let create = || create(device, 4);
+        let create = || create(device, SCATTERED, 4);
         let [element_buffer, place_buffer] = self.inputs.get_or_insert_with(|| [create(), create()]);
         let element_bytes = elements.len() * self.size;
         let bytes = bytemuck::cast_slice(places);
@@ -160,7 +160,7 @@ fn fill<'a>(
     let bytes = (pieces.len() * piece) as u64;
     let size = bytes.next_power_of_two();
     if !(size..=8 * size).contains(&buffer.size()) {
-        let Some(other) = try_allocate(device, || create(device, size)) else {
+        let Some(other) = try_allocate(device, || create(device, SCATTERED, size)) else {
             return false;
         };
         *buffer = other;
@@ -175,9 +175,10 @@ fn fill<'a>(
     true
 }
 
-fn create(device: &RenderDevice, size: u64) -> Buffer {
+/// Creates a buffer for storage and copies.
+pub(super) fn create(device: &RenderDevice, label: &'static str, size: u64) -> Buffer {
     device.create_buffer(&BufferDescriptor {
-        label: Some(SCATTERED),
+        label: Some(label),
         size,
         usage: BufferUsages::STORAGE | BufferUsages::COPY_DST,
         mapped_at_creation: false,

@@ -211,7 +211,7 @@ impl TopLevel {
         let Site::Static(member) = self.site(slot) else { return };
         self.places[slot as usize].site = Site::Absent;
         if let Some(next) = &mut self.next {
-            next.note_dead(member);
+            next.dead.push(member);
         }
         if let Some(tree) = &mut self.static_tree {
             tree.empty(member);
@@ -394,7 +394,7 @@ impl TopLevel {
     /// Forgets everything and frees all buffer space.
     pub fn clear(&mut self, meshes: &mut SceneMeshes) {
         let slices = [
-            self.moving_tree.take_slice(),
+            self.moving_tree.slice.take(),
             self.static_tree.take().map(|tree| tree.slice),
             self.next.take().and_then(StaticBuild::cancel),
         ];

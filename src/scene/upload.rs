@@ -1,11 +1,11 @@
 //! A storage buffer with a copy of a slice.
 
-use super::scatter::{Scatter, ScatterKernels};
+use super::scatter::{Scatter, ScatterKernels, create};
 use crate::device::{MemoryRetry, try_allocate};
 use bevy::{
     log::warn,
     render::{
-        render_resource::{Buffer, BufferDescriptor, BufferUsages, PipelineCache},
+        render_resource::{Buffer, PipelineCache},
         renderer::{RenderDevice, RenderQueue},
     },
 };
@@ -189,15 +189,6 @@ pub fn runs(sorted: &[u32], gap: u32) -> impl Iterator<Item = Range<usize>> + '_
     chunks.filter_map(|run| Some(*run.first()? as usize..*run.last()? as usize + 1))
 }
 
-fn create(device: &RenderDevice, label: &'static str, size: u64) -> Buffer {
-    device.create_buffer(&BufferDescriptor {
-        label: Some(label),
-        size,
-        usage: BufferUsages::STORAGE | BufferUsages::COPY_DST,
-        mapped_at_creation: false,
-    })
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -205,6 +196,8 @@ mod tests {
         device::{REFUSED_FRAMES, REFUSES},
         scene::{scatter::tests::scatter, test_gpu},
     };
+    use bevy::render::render_resource::{BufferDescriptor, BufferUsages};
+
     #[test]
     fn near_indices_share_a_range() {
         let of = |sorted: &[u32], gap| runs(sorted, gap).collect::<Vec<_>>();

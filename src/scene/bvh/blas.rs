@@ -181,12 +181,13 @@ pub(super) fn build_tree(boxes: &[Bounds], quality: BvhQuality, level: &Level) -
 /// The top of the tree, breadth first. A node with leaves among its children can't be replaced by its inner children
 /// alone: it gets a twin, appended to `nodes`, that has only the leaves.
 fn top_nodes(nodes: &mut Vec<Node>, exact: &[Bounds], primitives: &[Bounds]) -> Vec<TopNode> {
-    let mut top = vec![TopNode {
-        bounds: exact[0],
-        node: 0,
+    let undivided = |bounds: Bounds, node: u32| TopNode {
+        bounds,
+        node,
         first_child: 0,
         child_count: 0,
-    }];
+    };
+    let mut top = vec![undivided(exact[0], 0)];
     let mut next = 0;
     while next < top.len() {
         let index = top[next].node as usize;
@@ -197,24 +198,14 @@ fn top_nodes(nodes: &mut Vec<Node>, exact: &[Bounds], primitives: &[Bounds]) -> 
             let mut kept = node::child_bounds(&parent, exact, primitives);
             for slot in 0..WIDTH {
                 if let Child::Inner(child) = parent.child(slot) {
-                    top.push(TopNode {
-                        bounds: exact[child as usize],
-                        node: child,
-                        first_child: 0,
-                        child_count: 0,
-                    });
+                    top.push(undivided(exact[child as usize], child));
                     kept[slot] = None;
                 }
             }
             if kept.iter().any(Option::is_some) {
                 node::quantise(&mut leaves, &kept);
                 let bounds = kept.iter().flatten().fold(Bounds::EMPTY, |a, b| a.union(*b));
-                top.push(TopNode {
-                    bounds,
-                    node: nodes.len() as u32,
-                    first_child: 0,
-                    child_count: 0,
-                });
+                top.push(undivided(bounds, nodes.len() as u32));
                 nodes.push(leaves);
             }
             top[next].first_child = first_child;

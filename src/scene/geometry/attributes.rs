@@ -70,12 +70,7 @@ impl<'a> Attributes<'a> {
         ];
         for (set, flag) in uv_flags.into_iter().enumerate() {
             let Some(values) = self.uvs[set] else { continue };
-            let offset = packed.words.len() as u32;
-            *(if set == 0 {
-                &mut packed.offsets.uv0
-            } else {
-                &mut packed.offsets.uv1
-            }) = offset;
+            *[&mut packed.offsets.uv0, &mut packed.offsets.uv1][set] = packed.words.len() as u32;
             let compressed = self.compression.contains(flag) && matches!(values, VertexAttributeValues::Unorm16x2(_));
             let (min, extent) = if compressed {
                 self.uv_ranges[set]
@@ -151,14 +146,8 @@ fn face_normals(packed: &PackedMesh) -> Vec<Vec3> {
     let scale = if size > 0.0 { 1.0 / size } else { 1.0 };
     let scale = if scale.is_finite() { scale } else { 1.0 };
     for triangle in packed.triangles() {
-        let corner = |i: usize| {
-            positions
-                .get(triangle[i] as usize)
-                .copied()
-                .map(Vec3::from)
-                .unwrap_or_default()
-        };
-        let (a, b, c) = (corner(0), corner(1), corner(2));
+        let corner = |vertex: u32| positions.get(vertex as usize).copied().unwrap_or_default();
+        let [a, b, c] = triangle.map(|vertex| Vec3::from(corner(vertex)));
         let normal = ((b - a) * scale).cross((c - a) * scale);
         for vertex in triangle {
             if let Some(sum) = sums.get_mut(*vertex as usize) {

@@ -31,7 +31,7 @@ const EXHAUSTED_FRAMES: u64 = 600;
 const MOST_DOUBLINGS: u32 = 6;
 
 /// Limits that decide when and how much is merged.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Limits {
     /// Frames without a change until a new object counts as resting, and until resting objects are merged.
     pub quiet_frames: u64,
@@ -180,6 +180,7 @@ struct Building {
 }
 
 /// The bookkeeping of merging, by slots of the instance buffer.
+#[derive(Default)]
 pub(super) struct MergeScheduler {
     limits: Limits,
     slots: Vec<Slot>,
@@ -232,29 +233,7 @@ impl MergeScheduler {
     pub fn new(limits: Limits) -> Self {
         Self {
             limits,
-            slots: Vec::new(),
-            details: Vec::new(),
-            moved: Vec::new(),
-            settling: BinaryHeap::new(),
-            resting: HashSet::default(),
-            chunks: BTreeMap::new(),
-            next_chunk: 0,
-            building: None,
-            frame: 0,
-            awake: false,
-            awake_since: 0,
-            disturbed: 0,
-            exhausted_until: 0,
-            without_room: WaitingRoom::default(),
-            losses: 0,
-            changed: false,
-            released: Vec::new(),
-            crossed: Vec::new(),
-            cuts: Vec::new(),
-            origin: Vec3A::ZERO,
-            shifted: None,
-            #[cfg(test)]
-            visited: 0,
+            ..Self::default()
         }
     }
 

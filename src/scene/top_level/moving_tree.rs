@@ -24,7 +24,7 @@ pub(super) struct MovingTree {
     builder: LinearBuilder,
     /// The last tree that was built for quality.
     careful: Option<Tlas>,
-    slice: Option<ArenaSlice>,
+    pub slice: Option<ArenaSlice>,
 }
 
 impl MovingTree {
@@ -132,15 +132,7 @@ impl MovingTree {
     /// Frees the slice if it keeps the buffer large. Returns whether it did: the tree must then be uploaded in this frame.
     pub fn leave_stranded(&mut self, meshes: &mut SceneMeshes) -> bool {
         let stranded = self.slice.take_if(|slice| meshes.bvh.is_stranded(slice));
-        stranded.is_some_and(|slice| {
-            meshes.bvh.free(slice);
-            true
-        })
-    }
-
-    /// Takes the slice of the buffer.
-    pub fn take_slice(&mut self) -> Option<ArenaSlice> {
-        self.slice.take()
+        stranded.map(|slice| meshes.bvh.free(slice)).is_some()
     }
 }
 

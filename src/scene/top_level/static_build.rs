@@ -2,7 +2,7 @@
 
 use super::{
     object::Object,
-    static_tree::{Members, StaticTree, write_items},
+    static_tree::{Members, StaticTree},
 };
 use crate::scene::{
     arena::ArenaSlice,
@@ -58,7 +58,7 @@ pub(super) struct StaticBuild {
     /// Frame in which the build began.
     pub since: u64,
     /// Members that have left during the build.
-    dead: Vec<u32>,
+    pub dead: Vec<u32>,
 }
 
 /// State of a build after a frame.
@@ -109,11 +109,6 @@ impl StaticBuild {
         }
     }
 
-    /// Records that a member of the last tree has left.
-    pub fn note_dead(&mut self, member: u32) {
-        self.dead.push(member);
-    }
-
     /// Advances the build; call once per frame.
     pub fn advance(mut self, meshes: &mut SceneMeshes, queue: &RenderQueue) -> Progress {
         let (built, slice, done) = match self.stage {
@@ -137,7 +132,8 @@ impl StaticBuild {
         let mut end = done;
         if meshes.bvh.is_in_reach(&slice) {
             end = items.len().min(done + UPLOAD_ITEMS_PER_FRAME);
-            write_items(meshes, queue, &slice, items, done..end);
+            let words = items[done..end].as_flattened().as_flattened();
+            meshes.bvh.write_from(queue, &slice, done * ITEM_WORDS as usize, words);
         }
         if end < items.len() {
             self.stage = Stage::Uploading {

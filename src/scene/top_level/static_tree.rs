@@ -3,11 +3,10 @@
 use super::object::Object;
 use crate::scene::{
     arena::ArenaSlice,
-    bvh::{ITEM_WORDS, Item, Tlas},
+    bvh::{Item, Tlas},
     meshes::SceneMeshes,
 };
 use bevy::render::renderer::RenderQueue;
-use core::ops::Range;
 use std::sync::Arc;
 
 /// Objects of a tree; `None` at free indices.
@@ -55,18 +54,4 @@ impl StaticTree {
         let emptied = core::mem::take(&mut self.emptied);
         meshes.bvh.clear_units(queue, &self.slice, emptied);
     }
-}
-
-/// Writes a range of a tree's items.
-pub(super) fn write_items(
-    meshes: &mut SceneMeshes,
-    queue: &RenderQueue,
-    slice: &ArenaSlice,
-    items: &[Item],
-    range: Range<usize>,
-) {
-    let words = items[range.clone()].as_flattened().as_flattened();
-    meshes
-        .bvh
-        .write_from(queue, slice, range.start * ITEM_WORDS as usize, words);
 }

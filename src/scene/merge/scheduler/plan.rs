@@ -119,14 +119,7 @@ impl MergeScheduler {
             min = min.min(centre(slot));
             max = max.max(centre(slot));
         }
-        let spread = max - min;
-        let axis = if spread.x >= spread.y && spread.x >= spread.z {
-            0
-        } else if spread.y >= spread.z {
-            1
-        } else {
-            2
-        };
+        let axis = (max - min).max_position();
         group.sort_unstable_by(|a, b| {
             let order = centre(a)[axis].total_cmp(&centre(b)[axis]);
             order.then(a.cmp(b))
