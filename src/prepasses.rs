@@ -125,8 +125,8 @@ type HasAll = (
     With<NormalPrepass>,
 );
 
-/// Gives new cameras their prepasses at once, and those that have drawn once the pipelines for them are compiled, which takes frames in
-/// which they draw.
+/// Gives new cameras their prepasses at once, and those that have already drawn as soon as the pipelines for them are compiled. That goes on
+/// only in frames in which they draw.
 fn give_prepasses(
     mut cameras: Query<Requesting>,
     complete: Query<(), HasAll>,

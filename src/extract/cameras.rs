@@ -240,6 +240,18 @@ impl Request {
     }
 }
 
+/// Tells a camera that waits for its prepasses what its view has compiled. Returns false if there is no such view.
+fn hand_over(camera: &mut CameraQueryItem, existing: &Query<ExistingView, IsOurs>) -> bool {
+    let waiting = existing.get(camera.render_entity).ok().and_then(|view| view.waiting);
+    let waiting = waiting.filter(|waiting| !waiting.is_over);
+    let (Some(waiting), Some(request)) = (waiting, &mut camera.request) else {
+        return false;
+    };
+    request.is_warm = waiting.is_warm;
+    request.compiles = waiting.compiles;
+    true
+}
+
 /// The extraction of one frame.
 struct Extraction<'w, 's> {
     readiness: Readiness<'w>,
@@ -276,12 +288,7 @@ impl Extraction<'_, '_> {
         }
         let view = camera.render_entity;
         self.found.incomplete.insert(view);
-        let waiting = existing.get(view).ok().and_then(|view| view.waiting);
-        let waiting = waiting.filter(|waiting| !waiting.is_over);
-        if let (Some(waiting), Some(request)) = (waiting, &mut camera.request) {
-            request.is_warm = waiting.is_warm;
-            request.compiles = waiting.compiles;
-        } else {
+        if !hand_over(camera, existing) {
             self.commands.entity(view).insert(WaitingView::new(!camera.hdr));
         }
     }
@@ -416,6 +423,8 @@ pub(super) fn extract_cameras(
             found.present.insert(camera.entity);
         }
         if !camera.camera.is_active {
+            // What was compiled in its last frame, in case it draws every other frame.
+            hand_over(&mut camera, &existing);
             found.hooked.insert(camera.render_entity);
             if reflections.is_some() {
                 found.idle.insert(camera.render_entity);

@@ -119,7 +119,7 @@ impl FrontLayer {
         // Its history is older than the last frame.
         self.view.reset |= take(&mut self.is_new);
         self.unused = Duration::ZERO;
-        let frame = frame.of_other_surfaces(self.tiles.min, is_own, self.view.settings.forward);
+        let frame = frame.of_other_surfaces(self.tiles.min, is_own, !self.has_see_through);
         self.textures.begin_frame(&self.view, &frame);
     }
 

@@ -21,7 +21,7 @@ use bevy::{
     diagnostic::FrameCount,
     ecs::{entity::EntityHashMap, prelude::*, query::QueryData, system::SystemParam},
     light::{EnvironmentMapLight, IrradianceVolume},
-    math::{UVec2, Vec4Swizzles},
+    math::{Mat4, UVec2, Vec4Swizzles},
     pbr::{DistanceFog, RenderViewLightProbes, ScreenSpaceAmbientOcclusionResources, ScreenSpaceTransmission},
     render::{
         camera::ExtractedCamera,
@@ -107,6 +107,8 @@ impl PreparedViewItem<'_, '_> {
             flags |= VIEW_DRAWS_GLASS;
         }
         let mut cameras = surroundings.cameras.iter();
+        // With the same rounding as Bevy's matrix of the last frame.
+        let by_bevy = extracted.clip_from_view * Mat4::from(extracted.world_from_view.affine().inverse());
         Frame {
             origin: extracted.viewport.xy(),
             gbuffer_origin: extracted.viewport.xy(),
@@ -123,7 +125,9 @@ impl PreparedViewItem<'_, '_> {
             clip_from_world: extracted
                 .clip_from_world
                 .unwrap_or_else(|| extracted.clip_from_view * extracted.world_from_view.to_matrix().inverse()),
-            last_clip_from_world: self.previous.map(|previous| previous.unjittered_clip_from_world),
+            was_here: self
+                .previous
+                .is_none_or(|previous| previous.unjittered_clip_from_world == by_bevy),
             world_position: extracted.world_from_view.translation(),
             exposure: self.camera.exposure,
             environment: self.environment.cloned(),

@@ -50,6 +50,8 @@ pub struct ReflectionTextures {
     light_frames: u32,
     /// [`Frame::world_origin`] of the last of them.
     light_origin: DVec3,
+    /// ... and the version of the scene.
+    light_scene: u32,
     /// This view is static in this frame, at least partly.
     pub(crate) is_at_rest: bool,
     static_view: StaticView<ViewFingerprint>,
@@ -82,6 +84,7 @@ impl ReflectionTextures {
             world_origin: DVec3::ZERO,
             light_frames: 0,
             light_origin: DVec3::ZERO,
+            light_scene: 0,
             is_at_rest: false,
             static_view: StaticView::default(),
         };
@@ -239,8 +242,8 @@ impl ReflectionTextures {
         let is_of_last_frame = self.is_of_last_frame(frame);
         let is_elsewhere = !is_of_last_frame && self.previous.as_ref().is_some_and(|last| last.is_elsewhere(frame));
         let static_frames = if converged { 0 } else { static_frames };
-        // A view at rest misses the frames after the change that wakes it.
-        let wakes = self.is_at_rest && !is_at_rest(static_frames, self.accumulated);
+        // A view at rest traces no kept rays, and learns only later of the change that wakes it.
+        let wakes = self.is_at_rest && !is_at_rest(static_frames, self.accumulated) && self.light_scene != frame.scene;
         self.light_frames = if !self.targets.needs.light_changes {
             0
         } else if scene_changed || wakes {
@@ -256,13 +259,13 @@ impl ReflectionTextures {
             is_shifted,
             follows_light: self.light_frames > 0,
             is_cut: self.accumulated > 0 && !frame.follows_own_motion && (self.is_borrowed || is_elsewhere),
-            has_screen: self.replaced.is_none() && is_of_last_frame,
+            has_screen: self.replaced.is_none() && (is_of_last_frame || !scene_changed),
             previous: self.previous.replace(now).unwrap_or(now),
         };
         self.drawn = frame.number;
         self.is_at_rest = state.is_at_rest();
         if self.follows_light() {
-            self.light_origin = frame.world_origin;
+            (self.light_origin, self.light_scene) = (frame.world_origin, frame.scene);
         }
         let (sizes, rate) = (self.targets.sizes, &view.rate.thresholds);
         self.origin = frame.origin;

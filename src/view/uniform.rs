@@ -177,8 +177,8 @@ pub(crate) struct Frame {
     pub changes_met: Option<u32>,
     /// Without jitter.
     pub clip_from_world: Mat4,
-    /// The same of the app's last frame, in which Bevy's motion vectors begin, whether it was drawn or not.
-    pub last_clip_from_world: Option<Mat4>,
+    /// The camera was in the same place in the app's last frame, in which Bevy's motion vectors begin, whether it was drawn or not.
+    pub was_here: bool,
     pub world_position: Vec3,
     pub exposure: f32,
     pub environment: Option<ViewEnvironment>,
@@ -196,7 +196,7 @@ pub(crate) struct Frame {
 
 impl Frame {
     /// The frame for front-layer surfaces, which have a G-buffer of the view's size: change detection doesn't cover them. They
-    /// cover no tile before the first one, and might move by themselves. Opaque ones have Bevy's motion vectors.
+    /// cover no tile before the first one, and might move by themselves. If all are opaque, their motion vectors are Bevy's.
     pub fn of_other_surfaces(self, first_tile: UVec2, may_move: bool, are_opaque: bool) -> Self {
         Self {
             gbuffer_origin: UVec2::ZERO,
@@ -270,12 +270,6 @@ fn exposure_history(ratio: f32) -> f32 {
 /// Rounding errors of a shift, relative to the coordinates.
 const SHIFT_TOLERANCE: f32 = 1e-6;
 
-/// Returns whether two cameras are the same apart from rounding. `size` is the largest coordinate of their places.
-fn are_same(a: Mat4, b: Mat4, size: f32) -> bool {
-    let most = 8.0 * SHIFT_TOLERANCE * (1.0 + size);
-    (0..4).all(|column| (a.col(column) - b.col(column)).abs().max_element() <= most)
-}
-
 impl PreviousFrame {
     /// Part of the space before a camera that this one showed. The samples lie on 16 rays, with a perspective at 10 to 300 times the distance
     /// of the near plane.
@@ -315,15 +309,17 @@ impl PreviousFrame {
         *self = self.translated(by);
         let size = frame.world_position.abs().max_element().max(stayed.abs().max_element());
         let is_same_place = self.world_position.distance(frame.world_position) <= SHIFT_TOLERANCE * size;
-        is_same_place && are_same(self.clip_from_world, frame.clip_from_world, size)
+        let same = |a: Mat4, b: Mat4| {
+            let most = 8.0 * SHIFT_TOLERANCE * (1.0 + size);
+            (0..4).all(|column| (a.col(column) - b.col(column)).abs().max_element() <= most)
+        };
+        is_same_place && same(self.clip_from_world, frame.clip_from_world)
     }
 
-    /// Returns whether a camera that paused has moved since, or came back: Bevy's motion vectors lead to where it was in the pause.
+    /// Returns whether Bevy's motion vectors don't lead to this camera after a pause: it has moved since, or has just come back to its place.
     pub fn is_elsewhere(&self, frame: &Frame) -> bool {
-        let size = frame.world_position.abs().max_element();
         let has_moved = self.clip_from_world != frame.clip_from_world || self.world_position != frame.world_position;
-        let comes_back = |last: Mat4| !are_same(self.clip_from_world, last, size);
-        has_moved || frame.last_clip_from_world.is_some_and(comes_back)
+        has_moved || !frame.was_here
     }
 }
 

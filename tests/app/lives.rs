@@ -60,6 +60,7 @@ fn cameras_come_and_go() {
         a_change_in_a_pause_is_followed,
         pauses::glass_reflects_in_the_first_frame_after_a_pause,
         pauses::a_camera_that_moves_in_a_pause_finds_its_history,
+        pauses::a_camera_that_draws_every_other_frame_gets_prepasses,
         pauses::a_converged_view_stays_so_across_a_cut,
         pauses::the_screen_before_a_pause_is_not_reused,
         after_a_time_without_a_camera_all_is_freed,

@@ -176,8 +176,9 @@ impl InstanceTable {
                 ..instance
             };
             self.changed.push(slot);
-            // It changed in another way, too.
-            if before.is_some_and(|before| before.world_from_object != instance.world_from_object) {
+            // `move_objects` marks only what keeps everything but its matrices.
+            let has_moved = |before: GpuInstance| before.world_from_object != instance.world_from_object;
+            if self.moved[index] == self.frame || before.is_some_and(has_moved) {
                 self.mark_moving(slot, [UNKNOWN_MOTION, 0]);
             }
         }

@@ -8,8 +8,9 @@ use crate::{
         spawn_camera, spawn_mesh, unlit, wall,
     },
 };
-use bevy::prelude::*;
+use bevy::{core_pipeline::prepass::NormalPrepass, prelude::*};
 use bevy_glint::{RayTracedReflections, ReflectionTracerChoice, ScreenTraces};
+use core::time::Duration;
 use glint_scenes::{HeadlessApp, SceneName};
 
 /// A rough wall, and bars whose reflections stay near them, wherever the camera is.
@@ -98,6 +99,26 @@ pub fn glass_reflects_in_the_first_frame_after_a_pause(app: &mut HeadlessApp, tr
         let differing = differing_pixels(&before, &frames(app, 1), 9);
         assert!(differing < 20, "{tracer:?}: {differing} pixels after {pause} frames");
     }
+}
+
+/// Its pipelines are compiled in the frames in which it draws.
+pub fn a_camera_that_draws_every_other_frame_gets_prepasses(app: &mut HeadlessApp, tracer: ReflectionTracerChoice) {
+    spawn_scene(app);
+    let camera = spawn_camera(app, BEFORE_THE_MIRROR, SceneName::Furnace);
+    let draw = |app: &mut HeadlessApp, index: u32| {
+        activate(app, camera, index.is_multiple_of(2));
+        frame(app);
+    };
+    (0..8).for_each(|index| draw(app, index));
+    app.world().entity_mut(camera).insert(plain());
+    let has_all = |index: &u32| {
+        std::thread::sleep(Duration::from_millis(10));
+        draw(app, *index);
+        app.world().get::<NormalPrepass>(camera).is_some()
+    };
+    let frames = (0..500).find(has_all);
+    println!("{tracer:?}: prepasses after {frames:?} frames");
+    assert!(frames.is_some_and(|frames| frames > 0), "{tracer:?}: {frames:?}");
 }
 
 /// Another camera reflects meanwhile.

@@ -46,6 +46,10 @@ fn objects_that_change_while_they_move_are_marked() {
     };
     let moved = [(0.0, 1), (0.0, 2), (1.0, 3), (1.0, 4)].map(|(x, material)| marks(x, material));
     assert_eq!(moved, [false, false, true, false]);
+    // It moves alone, and another mesh arrives.
+    move_to(&mut table, 0, 2.0);
+    table.set(0, of_material(2.0, 5));
+    assert_ne!(table.flags(0) & INSTANCE_MOVING, 0);
 }
 
 #[test]
