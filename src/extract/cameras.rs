@@ -426,9 +426,7 @@ pub(super) fn extract_cameras(
             // What was compiled in its last frame, in case it draws every other frame.
             hand_over(&mut camera, &existing);
             found.hooked.insert(camera.render_entity);
-            if reflections.is_some() {
-                found.idle.insert(camera.render_entity);
-            }
+            found.idle.extend(reflections.map(|_| camera.render_entity));
             continue;
         }
         extraction.await_prepasses(&mut camera, &existing);
