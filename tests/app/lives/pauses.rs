@@ -1,4 +1,4 @@
-//! Cameras that pause, and come back to a history that shows what they see.
+//! Cameras that pause: their first frame afterwards shows reflections, and reads the right history.
 
 use super::{FOREVER, activate, difference, retain, spawn_scene};
 use crate::{
@@ -13,7 +13,7 @@ use bevy_glint::{RayTracedReflections, ReflectionTracerChoice, ScreenTraces};
 use core::time::Duration;
 use glint_scenes::{HeadlessApp, SceneName};
 
-/// A rough wall, and bars whose reflections stay near them, wherever the camera is.
+/// Spawns a wall, and bars right before it: their reflections stay near them when the camera moves.
 fn spawn_bars(app: &mut HeadlessApp, wall_of: StandardMaterial) {
     spawn_mesh(app, wall(), wall_of, Transform::IDENTITY);
     for index in 0..9 {
@@ -81,7 +81,7 @@ pub fn a_camera_that_moves_in_a_pause_finds_its_history(app: &mut HeadlessApp, t
 pub fn glass_reflects_in_the_first_frame_after_a_pause(app: &mut HeadlessApp, tracer: ReflectionTracerChoice) {
     retain(app, FOREVER);
     spawn_scene(app);
-    // Otherwise, glass and forward surfaces show the white surroundings.
+    // Behind the glass nothing is seen but its reflections.
     let black = StandardMaterial {
         reflectance: 0.0,
         ..Color::BLACK.into()
